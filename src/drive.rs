@@ -440,6 +440,13 @@ pub struct SpanSpec {
     pub damping_n_s_per_m: Option<f64>,
 }
 
+impl SpanSpec {
+    /// Stiffnesses that a span may be given [N/m].
+    pub const STIFFNESS_N_PER_M: std::ops::RangeInclusive<f64> = 1.0..=1e12;
+    /// Dampings that a span may be given [N s/m].
+    pub const DAMPING_N_S_PER_M: std::ops::RangeInclusive<f64> = 0.0..=1e9;
+}
+
 impl PreloadSpec {
     /// Tension that is asked for [N]; zero where a spring makes it.
     pub fn tension_n(&self) -> f64 {

@@ -303,3 +303,31 @@ fn what_needs_links_is_refused_at_its_place() {
     let text = parsed(&["chains.second.fidelity=springs"], "").expect_err("no such fidelity");
     assert!(text.contains("springs"), "{text}");
 }
+
+/// Fits see the numbers that a span has without the effects on it, in the ranges of the drive file, and what one of its sprockets is called says which
+/// shaft an effect is on.
+#[test]
+fn fits_see_a_spans_own_numbers_and_each_shaft_once() {
+    use pitchline::effects::EFFECTS;
+    use pitchline::machine::Machine;
+    let sets = [
+        SPANS,
+        "chains.second.spans.pinion-output.stiffness_n_per_m=6e5",
+        "effects.span_stiffness.pinion-output.stiffness_n_per_m=-1e5",
+        "effects.span_damping.output-pinion.damping_n_s_per_m=7",
+    ];
+    let drive = drive(&sets);
+    let m = Machine::of_links(&drive);
+    let of = |path: &str| m.slot(&format!("chains.second.spans.{path}")).expect("a number");
+    let given = of("pinion-output.stiffness_n_per_m");
+    assert_eq!((m.values[given], m.slots[given].low, m.slots[given].high), (6e5, 1.0, 1e12));
+    let damping = of("output-pinion.damping_n_s_per_m");
+    assert_eq!((m.slots[damping].low, m.slots[damping].high), (0.0, 1e9));
+    // As without the effect: 7 N s/m less than the model has.
+    let compiled = at_rest(&drive).expect("stands").0;
+    assert!((m.values[damping] - (compiled.spans[1].damping_n_s_per_m - 7.0)).abs() < 1e-9);
+    // `driven` and `pinion` sit on one shaft.
+    let friction = EFFECTS.into_iter().find(|e| e.name == "viscous_friction").expect("a row");
+    let names: Vec<String> = m.targets(friction).into_iter().map(|(name, _)| name).collect();
+    assert_eq!(names, ["driven", "output"]);
+}

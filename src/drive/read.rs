@@ -186,8 +186,8 @@ fn read_spans(t: &TomlTable<'_>, chain: usize, fidelity: ChainFidelity, sprocket
         if fidelity == ChainFidelity::Links {
             own.error(format!("chain of `{name}` has links"), Some("set `fidelity = \"spans\"` in its table".into()));
         }
-        let stiffness_n_per_m = own.number("stiffness_n_per_m", 1.0, 1.0..=1e12);
-        let damping_n_s_per_m = own.number("damping_n_s_per_m", 1.0, 0.0..=1e9);
+        let stiffness_n_per_m = own.number("stiffness_n_per_m", 1.0, SpanSpec::STIFFNESS_N_PER_M);
+        let damping_n_s_per_m = own.number("damping_n_s_per_m", 1.0, SpanSpec::DAMPING_N_S_PER_M);
         all.push(SpanSpec { chain, name, stiffness_n_per_m, damping_n_s_per_m });
         own.finish();
     }

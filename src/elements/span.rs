@@ -24,6 +24,9 @@ pub struct ChainSpan {
     pub length_m: f64,
     /// Stiffness of the links that it stands for, whatever the drive gives it.
     pub of_links_n_per_m: f64,
+    /// Stiffness and damping that the drive gives it, or that of the links that it stands for, without the effects on it.
+    pub own_n_per_m: f64,
+    pub own_n_s_per_m: f64,
     pub stiffness_n_per_m: f64,
     pub damping_n_s_per_m: f64,
     /// Tension T0 without elongation [N].

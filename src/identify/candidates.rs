@@ -177,8 +177,14 @@ impl Sizes {
         }
         let speed: Vec<f64> = speeds.iter().map(|v| v.abs()).collect();
         // What the declared loads take, as a torque on every shaft.
-        let load_nm = |b: usize| m.slot(&format!("loads.constant.{}.torque_nm", m.bodies[b].name)).map(|s| m.values[s]);
-        let power_w: f64 = (0..m.bodies.len()).filter_map(|b| Some(load_nm(b)?.abs() * speed[b])).sum();
+        let load_nm = |name: &str| m.slot(&format!("loads.constant.{name}.torque_nm")).map(|s| m.values[s]);
+        let mut power_w = 0.0;
+        for (b, body) in m.bodies.iter().enumerate() {
+            // A shaft is there once for each of its sprockets, and may have the load by its own name.
+            let of_shaft = body.shaft_name(m).filter(|_| !m.bodies.iter().take(b).any(|o| o.turns_with(body)));
+            let loads = [Some(body.name.as_str()), of_shaft].into_iter().flatten().filter_map(load_nm);
+            power_w += loads.map(f64::abs).sum::<f64>() * speed[b];
+        }
         let force = speed.iter().map(|v| if *v > 0.0 && power_w > 0.0 { power_w / v } else { 1.0 }).collect();
         let (tension, input) = (Vec::new(), Vec::new());
         Sizes { force, speed, tension, signal, input, sample_s, rate: rate(problem), length_s }
@@ -374,7 +380,10 @@ pub fn all(
                 };
                 forms = forms.iter().flat_map(|f| starts.iter().map(|s| [f.as_slice(), &[*s]].concat())).collect();
             }
-            forms.truncate(MAX_FORMS);
+            if forms.len() > MAX_FORMS {
+                leave(&format!("of {} forms and places the first {MAX_FORMS} are tried", forms.len()));
+                forms.truncate(MAX_FORMS);
+            }
             for values in forms {
                 // The response is evaluated at the starting value, so that this is the scale.
                 let scales = match m.shows_at_start_alone(effect) {

@@ -81,7 +81,7 @@ pub struct Problem<'a> {
     pub locals: Vec<Local>,
     /// Fixed parameters: record (None: all), slot and value. They override values that records set.
     pub fixed: Vec<(Option<usize>, usize, f64)>,
-    /// Average over all pairs of links, to find where in the period a record starts.
+    /// Average over all parts of a period that are alike, to find where in the period a record starts.
     pub folded: bool,
     /// Steps per sample beyond which a model counts as too stiff.
     pub max_steps: f64,

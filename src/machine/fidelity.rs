@@ -15,7 +15,7 @@ pub struct RunRequest<'a> {
     /// Values with weights that add up to one, between which the run is interpolated where [`Fidelity::grid`] has a grid; elsewhere
     /// the values alone.
     pub corners: &'a [(f64, Vec<f64>)],
-    /// Mean over all pairs of links, where the motion has a period.
+    /// Mean over all parts of a period that are alike, where the motion has a period.
     pub folded: bool,
     pub task: &'a Task,
     pub start: &'a InitialState,

@@ -110,6 +110,13 @@ impl LinkedDrive {
         }
     }
 
+    /// Names under which a drive file puts an effect on what a body sits on: its shaft, and all sprockets of it.
+    fn names_of_shaft(&self, m: &Machine, body: usize) -> Vec<String> {
+        let own = &m.bodies[body];
+        let sprockets = m.bodies.iter().filter(|b| own.turns_with(b)).map(|b| b.name.clone());
+        sprockets.chain(own.shaft_name(m).map(str::to_string)).collect()
+    }
+
     /// Speed that a body turns with in the mean [rad/s].
     fn speed(&self, m: &Machine, values: &[f64], body: usize) -> f64 {
         let driver = m.bodies.iter().find_map(|b| match b.motion {
@@ -166,13 +173,8 @@ impl Fidelity for LinkedDrive {
             all.map(|(i, b)| (b.name.clone(), Target::Body(i))).collect()
         };
         // A shaft is there once for each of its sprockets.
-        let first_of_shaft = |b: &Body| {
-            let slot = |b: &Body| match b.motion {
-                BodyMotion::Constant(slot) => Some(slot),
-                BodyMotion::Free | BodyMotion::Measured(_) => b.inertia,
-            };
-            m.bodies.iter().find(|o| slot(o) == slot(b)).is_some_and(|first| first.path == b.path)
-        };
+        let first_of_shaft =
+            |b: &Body| m.bodies.iter().find(|o| o.turns_with(b)).is_some_and(|first| first.path == b.path);
         match effect.links {
             Some(On::Sprocket) => bodies(&|b| {
                 b.teeth.is_some() && m.chains.iter().any(|c| c.sprockets.iter().any(|s| m.bodies[*s].path == b.path))
@@ -199,7 +201,12 @@ impl Fidelity for LinkedDrive {
     }
 
     fn room_for(&self, m: &Machine, effect: &Effect, target: Target, path: &str) -> RoomForEffect {
-        if self.declared.iter().any(|d| d == path) {
+        // A shaft has as many names as sprockets.
+        let is_on_shaft = matches!(effect.links, Some(On::Body | On::Prescribed));
+        let names =
+            if let (Target::Body(b), true) = (target, is_on_shaft) { self.names_of_shaft(m, b) } else { Vec::new() };
+        let others = names.iter().map(|name| format!("effects.{}.{name}", effect.name));
+        if std::iter::once(path.to_string()).chain(others).any(|p| self.declared.contains(&p)) {
             return RoomForEffect::Refused("declared already");
         }
         if m.placed.iter().any(|p| p.path == path) {

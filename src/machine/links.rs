@@ -7,7 +7,7 @@ use super::{Body, BodyMotion, ChainLoop, Machine, PlacedEffect, Reads, Sensor, S
 use crate::assemble::at_rest;
 use crate::diag::last_name;
 use crate::drive::sensors::SensorReads;
-use crate::drive::{ChainFidelity, Drive, OuterSpec};
+use crate::drive::{ChainFidelity, Drive, OuterSpec, SpanSpec};
 use crate::effects::parameter_at;
 use crate::units::RPM;
 use std::sync::Arc;
@@ -109,11 +109,20 @@ impl Machine {
         // Without rest there is no run either, whose error says why.
         let spans =
             if drive.span_paths().is_empty() { Vec::new() } else { at_rest(drive).map_or(Vec::new(), |r| r.0.spans) };
-        for span in spans {
+        // Effects on a span have numbers of their own, and are added to these.
+        let numbers = spans.iter().map(|span| {
             let mut own = |key: &str, value: f64| slot(format!("{}.{key}", span.path), 1.0, value);
-            let (stiffness, damping) =
-                (own("stiffness_n_per_m", span.stiffness_n_per_m), own("damping_n_s_per_m", span.damping_n_s_per_m));
-            m.spans.push(SpanNumbers { name: last_name(&span.path).to_string(), stiffness, damping });
+            let stiffness = own("stiffness_n_per_m", span.own_n_per_m);
+            let damping = own("damping_n_s_per_m", span.own_n_s_per_m);
+            SpanNumbers { name: last_name(&span.path).to_string(), stiffness, damping }
+        });
+        m.spans = numbers.collect();
+        for span in &m.spans {
+            for (known, range) in
+                [(span.stiffness, SpanSpec::STIFFNESS_N_PER_M), (span.damping, SpanSpec::DAMPING_N_S_PER_M)]
+            {
+                (m.slots[known].low, m.slots[known].high) = (*range.start(), *range.end());
+            }
         }
         m.fidelity = Arc::new(LinkedDrive::new(drive, &m, PeriodOfDrive::of(drive), declared(&drive.places)));
         m

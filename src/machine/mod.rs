@@ -22,7 +22,8 @@ mod response;
 #[doc(hidden)]
 pub mod simulate;
 
-use crate::diag::Report;
+use crate::assemble::{AssemblyError, at_rest};
+use crate::diag::{Report, last_name};
 use crate::drive::Drive;
 use crate::drive::reader::{DriveReader, Places};
 use crate::effects::{Effect, Parameter};
@@ -91,6 +92,27 @@ pub struct Body {
     pub minus: Option<usize>,
     pub teeth: Option<u32>,
     pub motion: BodyMotion,
+}
+
+impl Body {
+    /// Slot of the number that all bodies on one shaft share.
+    fn number_of_shaft(&self) -> Option<usize> {
+        match self.motion {
+            BodyMotion::Constant(slot) => Some(slot),
+            BodyMotion::Free | BodyMotion::Measured(_) => self.inertia,
+        }
+    }
+
+    /// Whether both sit on one shaft.
+    pub(crate) fn turns_with(&self, other: &Body) -> bool {
+        self.number_of_shaft() == other.number_of_shaft()
+    }
+
+    /// Name of the shaft that it sits on, if that has another one.
+    pub(crate) fn shaft_name<'m>(&self, m: &'m Machine) -> Option<&'m str> {
+        let (table, _) = m.slots.get(self.number_of_shaft()?)?.path.rsplit_once('.')?;
+        Some(last_name(table)).filter(|name| *name != self.name)
+    }
 }
 
 #[doc(hidden)]
@@ -267,7 +289,15 @@ impl Machine {
         if let Some(WithoutPeriod { path, title, help }) = response::without_period(&drive) {
             return Err(drive.places.report(vec![drive.places.error(&path, title, Some(help))]));
         }
-        Ok(Machine::of_links(&drive))
+        let machine = Machine::of_links(&drive);
+        // What spans have follows from the drive at rest, without which they have no numbers.
+        if machine.spans.is_empty()
+            && !drive.span_paths().is_empty()
+            && let Err(AssemblyError::Input(report)) = at_rest(&drive)
+        {
+            return Err(report);
+        }
+        Ok(machine)
     }
 
     /// A machine without content.

@@ -113,10 +113,20 @@ pub(super) fn without_period(drive: &Drive) -> Option<WithoutPeriod> {
 fn with_long_period(drive: &Drive) -> Option<WithoutPeriod> {
     let pitches = PeriodOfDrive::of(drive).declared;
     let period_s = f64::from(pitches) * drive.chain.pitch_m() / drive.chain_speed_m_s().abs().max(1e-9);
+    let rpm = drive.nominal_speed_rad_s(drive.driver()).abs() * 30.0 / std::f64::consts::PI;
+    if rpm == 0.0 {
+        let driver = &drive.sprockets[drive.driver()];
+        let turned = driver.shaft.map_or(&driver.name, |k| &drive.shafts[k].name);
+        return Some(WithoutPeriod {
+            path: format!("speeds.constant.{turned}.speed_rpm"),
+            title: format!("`{turned}` stands still"),
+            help: "records are compared over periods of a steady motion: give it the speed of the records".to_string(),
+        });
+    }
     let title = format!(
-        "this drive comes back to where it was only after {pitches} pitches of its first chain, {period_s:.0} s"
+        "this drive comes back to where it was only after {pitches} pitches of its first chain, {period_s:.1} s at {rpm} 1/min"
     );
-    let help = "records are compared over periods: leave single links and teeth as their neighbours, or take orders and teeth with a common divisor".to_string();
+    let help = "records are compared over periods: leave single links and teeth as their neighbours, take orders and teeth with a common divisor, or run faster: records set speeds of their own, and the file should have one like theirs".to_string();
     (period_s > MAX_PERIOD_S).then_some(WithoutPeriod { path: "sprockets".to_string(), title, help })
 }
 

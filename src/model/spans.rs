@@ -70,6 +70,8 @@ impl Model {
                 radii_m: [a, b].map(|k| radius_m(k) * drive.sprockets[k].wrap.sign()),
                 length_m: route.path_to_next_sprocket_m(a),
                 of_links_n_per_m,
+                own_n_per_m,
+                own_n_s_per_m,
                 stiffness_n_per_m: own_n_per_m + more_n_per_m,
                 damping_n_s_per_m: own_n_s_per_m + more_n_s_per_m,
                 preload_n: terms.tension_n,
@@ -79,7 +81,7 @@ impl Model {
         if let Some((k, s)) = spans.iter().enumerate().find(|(_, s)| s.stiffness_n_per_m <= 0.0) {
             let name = format!("{}-{}", drive.sprockets[k].name, drive.sprockets[(k + 1) % n].name);
             let title = format!("the stiffness of span `{name}` would be {:.3e} N/m", s.stiffness_n_per_m);
-            let help = format!("take less than the {:.3e} N/m that it has", s.of_links_n_per_m);
+            let help = format!("take less than the {:.3e} N/m that it has", s.own_n_per_m);
             let path = span_stiffness::ROW.path(&name, "stiffness_n_per_m");
             return Err(drive.places.report(vec![drive.places.error(&path, title, Some(help))]));
         }
