@@ -30,6 +30,9 @@ use crate::state::State;
 /// Tooth periods for which an impact is observed, and for which a part must have been free before.
 pub const WATCHED_PERIODS: f64 = 2.0;
 
+/// Least sum of closing speeds by which the time of a touch is found [m/s].
+const SLOWEST_M_S: f64 = 1e-9;
+
 /// Contact memories of one kind of part.
 struct WatchedGroup {
     group: ContactGroup,
@@ -247,6 +250,7 @@ impl ImpactWatch {
 
     /// Determines the contact partner, at the first node at which the two overlap.
     fn find_partners(&mut self, model: &Model, state: &State, scratch: &Scratch) {
+        let step = state.step;
         for open in self.open.iter_mut().flatten().filter(|o| !o.has_partner) {
             let (link, feature) = (open.impact.link, open.impact.feature);
             let part = self.parts[open.parts].group;
@@ -264,6 +268,13 @@ impl ImpactWatch {
             let impact = &mut open.impact;
             // A prediction when the impact began; now the measured value.
             impact.approach_speed_m_s = scratch.memory(part).approach[open.lane];
+            // From the touch to this node the bodies close at the mean of both speeds.
+            if let Some((depth_m, closing_m_s)) = scratch.touch(part, open.lane) {
+                let since_s = 2.0 * depth_m / (impact.approach_speed_m_s + closing_m_s).max(SLOWEST_M_S);
+                let passed_s = (step - impact.step) as f64 * self.step_s;
+                // Never before the step in which nothing touched.
+                impact.touch_offset_s = (passed_s - since_s).max(-self.step_s);
+            }
             (impact.body, impact.tooth, impact.segment) = (contacts.body[i], contacts.tooth[i], contacts.segment[i]);
             (impact.x_m, impact.y_m) = (contacts.point_body_x_m[i], contacts.point_body_y_m[i]);
             open.has_partner = true;

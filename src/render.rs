@@ -3,6 +3,7 @@
 pub mod compare;
 pub mod free_body;
 pub mod identify;
+pub mod orders;
 pub mod png;
 pub mod silent;
 pub mod snapshot;

@@ -5,10 +5,12 @@
 //! rotation of links included, is block-tridiagonal with a border (the link that closes each loop, and the coordinates), so an
 //! iteration costs a time proportional to the number of links. It ends on the residual force, never on a count of steps.
 
+mod modes;
 mod terms;
 
-use terms::StaticProblem;
+pub use modes::{Mode, ModesError, Plungers, modes};
 pub use terms::{GuideTouch, guide_touches, rail_touches};
+use terms::{StaticProblem, SystemOf};
 
 use crate::geometry::{Vec2, perp, unit};
 use crate::model::Model;
@@ -84,6 +86,7 @@ struct System {
     /// Block of the free coordinates.
     rotors: DMatrix<f64>,
     energy: f64,
+    of: SystemOf,
 }
 
 /// Indices of the coordinates that are free.

@@ -2,8 +2,10 @@
 
 mod common;
 
-use common::{EngagementWatch, assembled, bundled, drive_without_guides, for_step, watch};
-use pitchline::drive::Drive;
+use common::{
+    EngagementWatch, assembled, bundled, drive_without_guides, for_step, watch, with_load_dampers, without_guides,
+};
+use pitchline::drive::{BUNDLED, Drive};
 use pitchline::model::Model;
 use pitchline::recording::capture::contacts_of;
 use pitchline::state::State;
@@ -78,6 +80,15 @@ fn engagement_peaks_at_the_default_step_stay_within_one_percent_of_a_fine_step()
 fn so_they_do_with_contact_damping_of_600_n_s_per_m() {
     let value = "contact.sprocket.linear.damping_n_s_per_m=600";
     stay_within_one_percent("contact damping 600 N s/m", 0, &|speed| drive_without_guides(&[value, speed[0]]));
+}
+
+/// Contacts whose damping grows with the load.
+#[test]
+fn so_they_do_with_restitutions_of_60_and_30_percent() {
+    for e in [0.6, 0.3] {
+        let text = with_load_dampers(BUNDLED[0].1, e, 2.5);
+        stay_within_one_percent(&format!("restitution {e}"), 0, &|speed| without_guides(&text, speed));
+    }
 }
 
 #[test]
@@ -159,6 +170,21 @@ fn mean_square_on_the_guide(a: &pitchline::assemble::Assembly, step_s: f64) -> f
         sum += on_it.map(|i| c.normal_force_n[i].powi(2)).sum::<f64>();
     });
     sum / steps as f64
+}
+
+/// The same where contacts damp by their load, at several loads.
+#[test]
+fn abutments_that_damp_by_their_load_do_not_chatter_either() {
+    let text = with_load_dampers(BUNDLED[2].1, 0.6, 2.5);
+    for torque in [6.0, 20.0, 28.0] {
+        let sets =
+            [format!("loads.constant.driven.torque_nm={torque}"), "speeds.constant.driver.speed_rpm=1300".into()];
+        let a = assembled(&Drive::parse("smartchain-20-40", &text, &sets).unwrap_or_else(|e| panic!("{e}")));
+        let [fine, largest] = [0.4, 1.0].map(|f| mean_square_on_the_guide(&a, f * a.report.step_bound_s));
+        let percent = 100.0 * (largest / fine - 1.0);
+        println!("{torque} N m, bound {:.2} us: {percent:+.3} %", 1e6 * a.report.step_bound_s);
+        assert!(percent.abs() < CHATTER_PERCENT);
+    }
 }
 
 /// Links that rest on a guide with both ends give steady forces at the largest allowed step. One and a half times this

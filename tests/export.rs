@@ -108,7 +108,7 @@ fn expected(table: &str, recording: &Recording) -> Sheet {
             let names = [
                 "step", "t_s", "link", "feature", "feature_name", "body", "body_path", "tooth", "segment",
                 "segment_name", "approach_speed_m_s", "peak_force_n", "peak_after_s", "impulse_n_s", "rise_time_s",
-                "second_period_mean_n", "x_m", "y_m", "watched_s", "touch_force_n",
+                "second_period_mean_n", "x_m", "y_m", "watched_s", "touch_force_n", "touch_offset_s",
             ];
             let row = |i: &Impact| {
                 let path = words(&recording.header.bodies[i.body as usize].path);
@@ -117,7 +117,9 @@ fn expected(table: &str, recording: &Recording) -> Sheet {
                 row.push(words(Segment::name(i.segment)));
                 let forces = [i.approach_speed_m_s, i.peak_force_n, i.peak_after_s, i.impulse_n_s, i.rise_time_s];
                 row.extend(forces.map(float));
-                row.extend([i.second_period_mean_n, i.x_m, i.y_m, i.watched_s, i.touch_force_n].map(float));
+                row.extend(
+                    [i.second_period_mean_n, i.x_m, i.y_m, i.watched_s, i.touch_force_n, i.touch_offset_s].map(float),
+                );
                 row
             };
             (names.to_vec(), recording.impacts.iter().map(row).collect())

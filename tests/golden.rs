@@ -132,7 +132,7 @@ fn the_readme_shows_what_is_printed() {
 
 #[test]
 fn the_chapters_show_what_is_printed() {
-    for page in ["debugger", "identify", "running", "recording-format", "viewing"] {
+    for page in ["debugger", "identify", "running", "recording-format", "vibration", "viewing"] {
         check(&format!("docs/{page}.md"));
     }
 }

@@ -34,7 +34,7 @@ impl ArrivalRhythm {
     fn phase_s(&self, impact: &Impact, number: u32, is_rising: bool) -> f64 {
         let explained_s = f64::from(number) * self.period_s * if is_rising { 1.0 } else { -1.0 };
         let turn_s = self.turn_s();
-        let phase_s = impact.t_s - explained_s;
+        let phase_s = impact.touched_s() - explained_s;
         phase_s - turn_s * libm::floor(phase_s / turn_s)
     }
 
@@ -42,7 +42,7 @@ impl ArrivalRhythm {
     /// hundred periods a pitch that is 0.1 % off shifts the phase by a fifth of a period.
     pub fn measured(self, impacts: &[(&Impact, u32)]) -> ArrivalRhythm {
         let mut times_s: BTreeMap<(u32, u32), Vec<f64>> = BTreeMap::new();
-        impacts.iter().for_each(|(i, number)| times_s.entry((i.feature, *number)).or_default().push(i.t_s));
+        impacts.iter().for_each(|(i, number)| times_s.entry((i.feature, *number)).or_default().push(i.touched_s()));
         times_s.values_mut().for_each(|times_s| times_s.sort_by(f64::total_cmp));
         // From turn to turn first: over many turns the stated period might count one too many.
         let rough = self.median_of(times_s.values().flat_map(|t| t.windows(2).map(|w| (w[0], w[1]))));

@@ -4,6 +4,8 @@ pub mod arrivals;
 pub mod audit;
 pub mod diff;
 pub mod explain;
+pub mod mode_shapes;
 pub mod order_spectrum;
+pub mod order_tracks;
 pub mod signal;
 pub mod suspects;

@@ -59,6 +59,8 @@ pub struct AngleRecord {
     /// Turns of the driver, and values there.
     pub turns: Vec<f64>,
     pub values: Vec<f64>,
+    /// Times of the values [s].
+    pub times_s: Vec<f64>,
     pub bases: Vec<OrderBase>,
     pub driver: String,
     /// Mean speed of the driver [1/s].
@@ -125,6 +127,7 @@ pub fn read(reader: &mut Reader, signal: &Signal) -> anyhow::Result<AngleRecord>
         if let Some(value) = signal.value(frame, &header).filter(|v| v.is_finite()) {
             record.turns.push(frame.crank_angle_rad / (2.0 * PI));
             record.values.push(value);
+            record.times_s.push(frame.t_s);
         }
         Ok(Flow::On)
     })?;
@@ -137,6 +140,7 @@ pub fn read(reader: &mut Reader, signal: &Signal) -> anyhow::Result<AngleRecord>
         last = before_last;
         record.turns.pop();
         record.values.pop();
+        record.times_s.pop();
     }
     let n = record.turns.len();
     let whole = record.turns.last().copied().unwrap_or(0.0) - record.turns.first().copied().unwrap_or(0.0);
@@ -220,7 +224,7 @@ pub fn spectrum(record: &AngleRecord) -> Result<AngleSpectrum, SpectrumError> {
 }
 
 /// Values at even distances of the angle.
-fn even(turns: &[f64], values: &[f64]) -> Vec<f64> {
+pub(super) fn even(turns: &[f64], values: &[f64]) -> Vec<f64> {
     let n = turns.len();
     let (first, distance) = (turns[0], (turns[n - 1] - turns[0]) / (n - 1) as f64);
     let off = turns.iter().enumerate().map(|(i, t)| ((t - first) / distance - i as f64).abs()).fold(0.0, f64::max);
@@ -247,7 +251,7 @@ fn even(turns: &[f64], values: &[f64]) -> Vec<f64> {
 }
 
 /// Takes out mean and slope; returns the mean.
-fn remove_line(values: &mut [f64]) -> f64 {
+pub(super) fn remove_line(values: &mut [f64]) -> f64 {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n;
     let middle = 0.5 * (n - 1.0);
@@ -349,6 +353,11 @@ impl AngleSpectrum {
         median((from..=to).filter(|i| i.abs_diff(k) > own).map(|i| self.amplitudes[i]))
     }
 
+    /// What comes back at this order of a record.
+    pub fn names_of(&self, order: f64, record: &AngleRecord) -> Vec<String> {
+        self.names(order, &record.bases)
+    }
+
     /// What comes back at this order.
     fn names(&self, order: f64, bases: &[OrderBase]) -> Vec<String> {
         let times = |base: &OrderBase| libm::round(order / base.order);
@@ -434,7 +443,15 @@ mod tests {
                 + 0.05 * libm::cos(2.0 * PI * 30.0 * x)
         };
         let values = turns.iter().map(value).collect();
-        AngleRecord { turns, values, bases: bases(), driver: "driver".into(), turns_per_s, interval_s }
+        AngleRecord {
+            turns,
+            values,
+            bases: bases(),
+            driver: "driver".into(),
+            turns_per_s,
+            interval_s,
+            ..AngleRecord::default()
+        }
     }
 
     #[test]

@@ -208,7 +208,7 @@ pub fn suspects(impacts: &[Impact], header: &Header, (begin_s, end_s): (f64, f64
         let by_joint = |i: &Impact| if bushed { loops.joint(i) } else { Some(i.link) };
         stage.keep_arrivals(&mut own);
         let mut cases = cases(&own, stage.period_s);
-        let medians = compute_departures(&mut cases);
+        let medians = compute_departures(&mut cases, ARRIVAL_KNOWN_M / header.chain_speed_m_s.abs().max(1e-12));
         for q in 0..QUANTITIES.len() {
             for (number, group) in groups(&cases, by_gap) {
                 candidates.extend(stage.candidate(Key { body, is_tooth: true, number }, q, &group, &medians));
@@ -477,13 +477,13 @@ fn cases<'a>(impacts: &[&'a Impact], period_s: f64) -> Vec<ImpactCase<'a>> {
     // from the wrap.
     let mut middles = BTreeMap::new();
     for i in impacts {
-        let (s, c) = libm::sincos(2.0 * std::f64::consts::PI * i.t_s / period_s);
+        let (s, c) = libm::sincos(2.0 * std::f64::consts::PI * i.touched_s() / period_s);
         let sum: &mut (f64, f64) = middles.entry(i.feature).or_default();
         *sum = (sum.0 + s, sum.1 + c);
     }
     let arrival = |i: &Impact| {
         let (s, c) = middles.get(&i.feature).copied().unwrap_or((0.0, 1.0));
-        let t_s = i.t_s - period_s * libm::atan2(s, c) / (2.0 * std::f64::consts::PI);
+        let t_s = i.touched_s() - period_s * libm::atan2(s, c) / (2.0 * std::f64::consts::PI);
         t_s - period_s * libm::round(t_s / period_s)
     };
     impacts
@@ -503,7 +503,7 @@ fn period_s(header: &Header) -> f64 {
 }
 
 /// Computes departures for each part; returns the medians of each part.
-fn compute_departures(cases: &mut [ImpactCase<'_>]) -> BTreeMap<u32, [f64; QUANTITIES.len()]> {
+fn compute_departures(cases: &mut [ImpactCase<'_>], arrival_known_s: f64) -> BTreeMap<u32, [f64; QUANTITIES.len()]> {
     let mut medians = BTreeMap::new();
     let features: Vec<u32> = cases.iter().map(|c| c.impact.feature).collect();
     for feature in features.iter().copied().collect::<BTreeSet<u32>>() {
@@ -517,7 +517,8 @@ fn compute_departures(cases: &mut [ImpactCase<'_>]) -> BTreeMap<u32, [f64; QUANT
             let (centre, spread) = middle(&values);
             of_part[q] = centre;
             for i in &own {
-                cases[*i].departure[q] = (cases[*i].value[q] - of_part[q]) / spread.max(1e-12);
+                let least = if q == ARRIVAL { arrival_known_s } else { 1e-12 };
+                cases[*i].departure[q] = (cases[*i].value[q] - of_part[q]) / spread.max(least);
             }
         }
         medians.insert(feature, of_part);
@@ -538,6 +539,9 @@ fn groups<'a, 'b>(
     all.retain(|_, group| group.len() >= MIN_IN_GROUP);
     all
 }
+
+/// Way of the chain to which arrivals are alike [m]: swings of the spans shift them by as much. A gap that lies 1 um off shifts them by some 3.5 um.
+const ARRIVAL_KNOWN_M: f64 = 4e-6;
 
 /// Magnitude that at least half of the values exceed, on the side of the majority.
 fn lower_median(mut values: Vec<f64>) -> f64 {

@@ -195,6 +195,7 @@ fn json(number: usize, i: &Impact, header: &Header, heads: &[FrameHead], recordi
         "impulse_n_s": i.impulse_n_s,
         "rise_time_s": i.own_rise_time_s(),
         "touch_force_n": i.touch_force_n,
+        "touch_offset_s": i.touch_offset_s,
         "second_period_mean_n": i.second_period_mean_n,
         "watched_s": i.watched_s,
         "x_m": i.x_m,

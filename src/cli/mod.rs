@@ -20,6 +20,8 @@ mod impacts;
 mod live;
 mod lump;
 mod migrate;
+mod modes;
+mod orders;
 mod pair_stats;
 mod replay;
 mod run;
@@ -69,6 +71,8 @@ fn verbs() -> Vec<Verb> {
         verb("impacts", "List every impact of a recording, and what stands out among them", impacts::run),
         verb("audit", "Measure every part from the frames of a recording, and say what stands out", audit::run),
         verb("spectrum", "Show the orders of a quantity of a recording, and what turns with them", spectrum::run),
+        verb("orders", "Follow the orders of a quantity while the speed changes", orders::run),
+        verb("modes", "Show frequencies, damping and shapes of a drive at rest under its load", modes::run),
         verb("explain", "Explain the state of a link: every force on it, and their origin", explain::run),
         verb("diff", "Show where two recordings differ, in which body, by how much", diff::run),
         verb("zoom", "Record a part of a recording again, every step of it if wanted", zoom::run),

@@ -29,6 +29,9 @@ pub struct ViewArgs {
     /// Write an .mcap as .rrd to FILE, and show nothing
     #[arg(short, long, value_name = "FILE", conflicts_with_all = ["web", "port", "open"])]
     output: Option<PathBuf>,
+    /// Write to FILE a layout for Foxglove with the names of an .mcap's bodies, and show nothing
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["web", "port", "open", "output"])]
+    foxglove_layout: Option<PathBuf>,
 }
 
 /// File format of a recording, from its first bytes.
@@ -56,6 +59,9 @@ pub fn run(args: &ViewArgs) -> Result<Outcome, Failure> {
             Outcome::Interrupted => Ok(Outcome::Interrupted),
             outcome => print_out(&format!("wrote {}\n", output.display())).map(|_| outcome),
         };
+    }
+    if let Some(layout) = &args.foxglove_layout {
+        return write_layout(&args.recording, kind, layout);
     }
     let shown = shown(args.web)?;
     let mut converted = Outcome::Done;
@@ -119,6 +125,23 @@ fn check_output(recording: &Path, kind: RecordingFormat, output: &Path) -> Resul
         return Err(Failure::Input(format!("{shown}: the converted recording ends in .rrd")));
     }
     Ok(())
+}
+
+/// Writes a layout for Foxglove, which reads .mcap alone.
+fn write_layout(recording: &Path, kind: RecordingFormat, layout: &Path) -> Result<Outcome, Failure> {
+    let shown = layout.display();
+    if kind == RecordingFormat::Rrd {
+        let path = recording.display();
+        return Err(Failure::Input(format!("Foxglove does not read {path}; give the .mcap of the same run")));
+    }
+    if layout.extension().is_none_or(|e| e != "json") {
+        return Err(Failure::Input(format!("{shown}: a layout for Foxglove ends in .json")));
+    }
+    super::check_outputs([layout], [recording])?;
+    let reader = super::open_recording(recording)?;
+    let text = crate::recording::foxglove_layout::layout(reader.header())?;
+    crate::output::write(layout, text.as_bytes())?;
+    print_out(&format!("wrote {shown}: import it in Foxglove, then open {}\n", recording.display()))
 }
 
 /// Selects the viewer, before anything is converted.

@@ -3,7 +3,7 @@
 use super::run::{check_recordings, duration, finish, instant, open, stop_on_interrupt, whole_steps};
 use super::{Answer, Failure, Outcome, answer};
 use crate::recording::frame::Header;
-use crate::recording::{ViewOptions, extensions};
+use crate::recording::{OpensAt, ViewOptions, extensions};
 use crate::replay::Replay;
 use crate::simulate::{Ending, Job, RunLength, run_job};
 use std::path::PathBuf;
@@ -35,17 +35,23 @@ pub struct ZoomArgs {
     json: bool,
 }
 
+/// Share of --around that is shown behind a peak that comes late.
+const BEHIND_PEAK: f64 = 0.2;
+
 pub fn run(args: &ZoomArgs) -> Result<Outcome, Failure> {
     super::open_recording(&args.recording)?;
     let mut replay = Replay::open(&args.recording)?;
     let Some((begin, end)) = replay.reader.ends()? else {
         return Err(Failure::Input(format!("{} holds no frames", args.recording.display())));
     };
-    let (from_s, to_s) = match args.impact {
-        None => (args.from.unwrap_or(0.0), args.to.unwrap_or(end.t_s)),
+    let (from_s, to_s, opens_at) = match args.impact {
+        None => (args.from.unwrap_or(0.0), args.to.unwrap_or(end.t_s), None),
         Some(number) => {
-            let t_s = super::impacts::numbered(&mut replay.reader, number)?.t_s;
-            ((t_s - args.around).max(begin.t_s), (t_s + args.around).min(end.t_s))
+            let impact = super::impacts::numbered(&mut replay.reader, number)?;
+            let (t_s, point_m) = (impact.t_s, [impact.x_m, impact.y_m]);
+            let peak = OpensAt { t_s: t_s + impact.peak_after_s, point_m };
+            let to_s = (t_s + args.around).max(peak.t_s + BEHIND_PEAK * args.around);
+            ((t_s - args.around).max(begin.t_s), to_s.min(end.t_s), Some(peak))
         }
     };
     let (from, to) = (replay.step_at(from_s), replay.step_at(to_s));
@@ -71,7 +77,10 @@ pub fn run(args: &ZoomArgs) -> Result<Outcome, Failure> {
     let parent = Some(replay.parent(&visit.state, false));
     let ledger_origin = replay.origin;
     let header = Header { steps_per_frame, parent, ledger_origin, ..replay.header().clone() };
-    let view = ViewOptions::every(0.0);
+    // The frame with the peak, not the one before it.
+    let (first_s, frame_s) = (from as f64 * replay.model.step_s, steps_per_frame as f64 * replay.model.step_s);
+    let at_frame = |at: OpensAt| OpensAt { t_s: first_s + ((at.t_s - first_s) / frame_s).round() * frame_s, ..at };
+    let view = ViewOptions { opens_at: opens_at.map(at_frame), ..ViewOptions::every(0.0) };
     let mut sinks = open(&outputs, &header, view)?;
     let job = Job {
         header: &header,

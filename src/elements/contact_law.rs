@@ -268,6 +268,14 @@ impl ContactLaw {
         }
     }
 
+    /// Whether its damping grows with the load.
+    pub fn grows(&self) -> bool {
+        match self {
+            ContactLaw::Linear { .. } | ContactLaw::HertzLine(_) => false,
+            ContactLaw::HuntCrossley { .. } | ContactLaw::Power { .. } => true,
+        }
+    }
+
     /// k where F_e = k d [N/m].
     pub fn linear_stiffness_n_per_m(&self) -> Option<f64> {
         self.closed_form().map(|(ClosedForm::Constant(k, _) | ClosedForm::Growing(k, _))| k)

@@ -68,6 +68,13 @@ impl DriverMotion {
         (n0 + slope * passed_s, self.turns_rad[at] + (n0 + 0.5 * slope * passed_s) * passed_s)
     }
 
+    /// Highest speed, harmonics included and fluctuations of effects not [rad/s].
+    pub fn highest_speed_rad_s(&self) -> f64 {
+        let waves: f64 = self.harmonics.iter().map(|h| (h.amplitude * h.order).abs()).sum();
+        let mean = self.speeds_rad_s.iter().fold(0.0, |most: f64, n| most.max(n.abs()));
+        mean * (1.0 + waves)
+    }
+
     /// phi at `t_s`, without harmonics [rad].
     pub fn turn_rad(&self, t_s: f64) -> f64 {
         self.mean(t_s).1

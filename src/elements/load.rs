@@ -37,6 +37,12 @@ impl Load {
         (0..PLACES).map(|i| self.force(at(i), v)).sum::<f64>() / f64::from(PLACES)
     }
 
+    /// How much less the mean over a turn is for each unit of speed more, about a speed [N m s/rad, N s/m].
+    pub fn mean_damping(&self, v: f64) -> f64 {
+        let d = 1e-4 * v.abs().max(SLOWEST);
+        (self.mean_force(v - d) - self.mean_force(v + d)) / (2.0 * d)
+    }
+
     /// Largest slope of the force over the speed between standstill and `v` [N m s/rad, N s/m].
     pub fn steepest(&self, v: f64) -> f64 {
         let top = v.abs().max(SLOWEST);

@@ -3,6 +3,8 @@
 //! ```text
 //! contact           h <= 0.95 / sqrt(k w)      accuracy: three steps in half a period of the contact oscillator
 //! contact damping   h <= 0.75 / (c w)          accuracy: the series of the mean force takes c w h as small
+//! the same, growing h <= 1 / sqrt(k w + (c w/1.15)^2)  c where it grows with the load: at the larger of the load at rest and that of an impact
+//!                                              at the driver's highest speed
 //! pin damping       h <= 1.00 / (c_j 4 w_j)    accuracy: peaks are right to 0.8 % there
 //! pin stiffness     h <= 1.00 / sqrt(k_j 4 w_j)  the second evaluation of the joints lifts stability to 3.46
 //! roller            h <= 0.95 / sqrt((k_t + k_b)/m), 0.75 m/(c_t + c_b)   between tooth and bush
@@ -27,6 +29,23 @@ use crate::pairs::part_part::TouchShape;
 use crate::pairs::roller_bush::Bore;
 use std::f64::consts::PI;
 
+/// What a contact is loaded with where its law is to be accurate.
+#[derive(Clone, Copy)]
+struct ContactLoad {
+    /// Closing speed of its impacts [m/s].
+    speed_m_s: f64,
+    /// Force that it bears at rest [N].
+    rest_n: f64,
+}
+
+/// Loads of the contacts of one chain.
+#[derive(Clone, Copy)]
+struct ChainLoads {
+    on_teeth: ContactLoad,
+    on_guides: ContactLoad,
+    on_abutments: ContactLoad,
+}
+
 /// One bound and where it comes from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StepBound {
@@ -39,6 +58,9 @@ const PEAK_FORCE_N: f64 = 1000.0;
 
 const CONTACT: f64 = 0.95;
 const CONTACT_DAMPING: f64 = 0.75;
+/// Of dampers that grow with the load, beside their spring. measured: peaks are right to 1 % where 1/h^2 = 0.901 k w + 0.756 (c w)^2, for
+/// restitutions of 0.3 to 0.7, the five of them to 1 %; with these constants to 0.75 %.
+const GROWING_DAMPING: f64 = 1.15;
 const PIN_DAMPING: f64 = 1.0;
 const PIN_STIFFNESS: f64 = 1.0;
 /// Chains with abutments take these two instead: the peaks of the bundled one are then right to 0.6 %.
@@ -52,6 +74,18 @@ const STABLE_SEARCH: f64 = 0.95;
 const REFINEMENTS: u32 = 4;
 /// Share of the other bounds at which the search ends, whatever grows there: the step is a fortieth of any period.
 const MIN_SEARCHED: f64 = 0.1;
+
+/// Speed at which teeth strike bushes, rollers and flanks, guides strike plates, and abutments close, as shares of pitch times the speed of the
+/// fastest sprocket: the first is the speed of a bush on a tooth that the span runs up to; the others are measured on bundled drives.
+const SPEED_ON_TEETH: f64 = 1.0;
+const SPEED_ON_GUIDES: f64 = 0.4;
+const SPEED_OF_ABUTMENTS: f64 = 0.1;
+/// Speed at which parts of tensioners strike each other [m/s]. assumed
+const SPEED_OF_PARTS_M_S: f64 = 1.0;
+/// Forces that rest on teeth, on guides and on abutments without any impact [N]. assumed: tensions of timing chains of 8 mm pitch
+const REST_ON_TEETH_N: f64 = 300.0;
+const REST_ON_GUIDES_N: f64 = 100.0;
+const REST_ON_ABUTMENTS_N: f64 = 150.0;
 
 /// Share of the clearance at which the drag of films bounds the step. assumed: films bear up to 0.95 of it.
 const DRAG_ECCENTRICITY: f64 = 0.95;
@@ -81,7 +115,8 @@ pub fn step_bound(model: &Model) -> StepBound {
     for touch in &model.touches {
         let gap = touch.shape.gap(&nowhere);
         let by = |i: usize| gap.slope[i].powi(2) * model.coordinates[gap.coordinates[i]].inverse_inertia();
-        bounds.extend(contact_bounds(&touch.path, &touch.law, touch.radii, by(0) + by(1)));
+        let load = ContactLoad { speed_m_s: SPEED_OF_PARTS_M_S, rest_n: PEAK_FORCE_N };
+        bounds.extend(contact_bounds(&touch.path, (&touch.law, touch.radii, load), by(0) + by(1)));
     }
     let smallest = |a: StepBound, b: StepBound| if b.step_s < a.step_s { b } else { a };
     let accurate = bounds.into_iter().reduce(smallest).expect("the joints always give a bound");
@@ -98,6 +133,23 @@ fn largest(model: &Model, chain: usize, of: impl Fn(usize) -> f64) -> f64 {
     model.chain.loops[chain].clone().map(of).fold(0.0, f64::max)
 }
 
+/// Loads of the contacts of a chain at the highest speed of its driver.
+fn chain_loads(model: &Model, chain: usize) -> ChainLoads {
+    let pitch_m = 2.0 * model.chain.lever[model.chain.loops[chain].start];
+    let own = model.sprockets.iter().filter(|s| s.chain == chain).map(|s| s.nominal_speed_rad_s.abs());
+    let share = model
+        .driver_motion
+        .as_ref()
+        .map_or(1.0, |driver| driver.highest_speed_rad_s() / model.sprockets[model.driver].nominal_speed_rad_s.abs());
+    let speed_m_s = pitch_m * share * own.fold(0.0, f64::max);
+    let load = |of_speed: f64, rest_n: f64| ContactLoad { speed_m_s: of_speed * speed_m_s, rest_n };
+    ChainLoads {
+        on_teeth: load(SPEED_ON_TEETH, REST_ON_TEETH_N),
+        on_guides: load(SPEED_ON_GUIDES, REST_ON_GUIDES_N),
+        on_abutments: load(SPEED_OF_ABUTMENTS, REST_ON_ABUTMENTS_N),
+    }
+}
+
 /// Longest lever of a normal force on the contour of a chain's links [m].
 fn contour_arm_m(model: &Model, chain: usize, contour: &LinkContour) -> f64 {
     contour.longest_arm_m(model.chain.lever[model.chain.loops[chain].start])
@@ -108,6 +160,7 @@ fn chain_bounds(model: &Model, chain: usize) -> Vec<StepBound> {
     let (c, joint) = (&model.chain, &model.chain.joints[chain]);
     let end_mobility = largest(model, chain, |i| c.inverse_mass[i] + c.lever[i].powi(2) * c.inverse_inertia[i]);
     let has_abutments = matches!(model.contours[chain], Some(LinkContour::Abutments { .. }));
+    let loads = chain_loads(model, chain);
     let mut bounds = Vec::new();
     let bush_mobility =
         largest(model, chain, |j| c.bush_inverse_mass[j] + c.bush_lever[j].powi(2) * c.bush_inverse_inertia[j]);
@@ -117,29 +170,29 @@ fn chain_bounds(model: &Model, chain: usize) -> Vec<StepBound> {
         bounds.extend(body_bounds(
             model,
             &name,
-            (&s.body.law, radii),
+            (&s.body.law, radii, loads.on_teeth),
             bush_mobility,
             &s.frame,
             f64::from(s.geometry.teeth()),
         ));
     }
     if let Some(bore) = &model.bores[chain] {
-        bounds.extend(roller_bounds(model, chain, bore));
+        bounds.extend(roller_bounds(model, chain, bore, loads.on_teeth));
     }
     if let Some(contour) = &model.contours[chain] {
         let arm = contour_arm_m(model, chain, contour);
         let contour_mobility = largest(model, chain, |i| c.inverse_mass[i] + arm * arm * c.inverse_inertia[i]);
+        let load = if has_abutments { loads.on_abutments } else { loads.on_teeth };
         for b in model.end_bodies.iter().filter(|b| b.chain == chain) {
             let radii = PairRadii { bush_m: arm, body_m: f64::INFINITY };
-            let [stiffness, damping] = contact_bounds(&b.name, &b.law, radii, contour_mobility);
             let longer = if has_abutments { CONTACT_OF_ABUTMENTS / CONTACT } else { 1.0 };
-            bounds.extend([StepBound { step_s: longer * stiffness.step_s, ..stiffness }, damping]);
+            bounds.extend(longer_bounds(&b.name, (&b.law, radii, load), contour_mobility, longer));
             let own = axis_mobility(model, &b.frame);
             if own > 0.0 {
                 // Both ends of all links that can lie on it push the axis at once.
                 let ends = 2.0 * (2.0 * PI * b.distance_bound_m(arm) / (2.0 * c.lever[c.loops[chain].start]) + 1.0);
                 let name = format!("{} on its bearing", b.name);
-                bounds.extend(contact_bounds(&name, &b.law, radii, contour_mobility + ends * own));
+                bounds.extend(contact_bounds(&name, (&b.law, radii, load), contour_mobility + ends * own));
             }
         }
     }
@@ -149,13 +202,13 @@ fn chain_bounds(model: &Model, chain: usize) -> Vec<StepBound> {
         bounds.extend(body_bounds(
             model,
             &format!("guides.fixed.{}", g.name),
-            (&g.body.law, radii),
+            (&g.body.law, radii, loads.on_guides),
             end_mobility,
             &g.frame,
             ends,
         ));
     }
-    bounds.extend(rail_bounds(model, chain, end_mobility));
+    bounds.extend(rail_bounds(model, chain, end_mobility, loads.on_guides));
     let joint_mobility = largest(model, chain, |i| c.inverse_mass[i].max(c.lever[i].powi(2) * c.inverse_inertia[i]));
     if joint.damping_n_s_per_m > 0.0 {
         let share = if has_abutments { PIN_DAMPING_WITH_ABUTMENTS } else { PIN_DAMPING };
@@ -172,32 +225,37 @@ fn chain_bounds(model: &Model, chain: usize) -> Vec<StepBound> {
 }
 
 /// Bounds of rollers: on their bushes, and between a bush and a tooth, where both springs and both dampers hold the roller.
-fn roller_bounds(model: &Model, chain: usize, bore: &Bore) -> Vec<StepBound> {
+fn roller_bounds(model: &Model, chain: usize, bore: &Bore, load: ContactLoad) -> Vec<StepBound> {
     let c = &model.chain;
     let of_roller = |i: usize| c.inverse_mass[i];
     let mobility = c.rollers[chain].clone().map(of_roller).fold(0.0, f64::max);
     let of_bush =
         largest(model, chain, |j| c.bush_inverse_mass[j] + c.bush_lever[j].powi(2) * c.bush_inverse_inertia[j]);
-    let mut bounds = contact_bounds("rollers on their bushes", &bore.law, bore.radii(), mobility + of_bush).to_vec();
+    let on_bush = (&bore.law, bore.radii(), load);
+    let mut bounds = contact_bounds("rollers on their bushes", on_bush, mobility + of_bush).to_vec();
     for s in model.sprockets.iter().filter(|s| s.chain == chain && s.geometry.iso().is_some()) {
         let sum =
             |of: &dyn Fn(&ContactLaw, PairRadii) -> f64| of(&s.body.law, flank_radii(s)) + of(&bore.law, bore.radii());
         let stiffness = sum(&|law, radii| law.stiffness_at(PEAK_FORCE_N, radii));
-        let damping = sum(&|law, _| law.damping_at(damping_load_n(law, mobility))).max(1e-9);
+        let damping = sum(&|law, _| law.damping_at(damping_load_n(law, mobility, load))).max(1e-9);
+        let grows = s.body.law.grows() || bore.law.grows();
         let at = format!("rollers between bushes and sprockets.{}", s.name);
         bounds.extend([
             StepBound {
                 step_s: CONTACT / libm::sqrt(stiffness * mobility),
                 cause: format!("contact stiffness of {at}"),
             },
-            StepBound { step_s: CONTACT_DAMPING / (damping * mobility), cause: format!("contact damping of {at}") },
+            StepBound {
+                step_s: damping_step(grows, stiffness * mobility, damping * mobility),
+                cause: format!("contact damping of {at}"),
+            },
         ]);
     }
     bounds
 }
 
 /// Bounds of plates on the rails of a chain.
-fn rail_bounds(model: &Model, chain: usize, end_mobility: f64) -> Vec<StepBound> {
+fn rail_bounds(model: &Model, chain: usize, end_mobility: f64, load: ContactLoad) -> Vec<StepBound> {
     let mut bounds = Vec::new();
     let pitch_m = 2.0 * model.chain.lever[model.chain.loops[chain].start];
     for rail in model.rails.iter().filter(|r| r.chain == chain) {
@@ -209,13 +267,14 @@ fn rail_bounds(model: &Model, chain: usize, end_mobility: f64) -> Vec<StepBound>
         let of_modes: f64 = rail.blade.iter().flat_map(|b| &b.shape.modes).map(|m| 1.0 / m.mass_kg).sum();
         let of_all = of_frame + rail.blade.as_ref().map_or(0.0, |b| 1.0 / b.shape.mass_kg);
         let name = format!("guides.rail.{}", rail.name);
-        bounds.extend(contact_bounds(&name, &rail.body.law, radii, end_mobility + of_frame + of_modes));
+        let pair = (&rail.body.law, radii, load);
+        bounds.extend(contact_bounds(&name, pair, end_mobility + of_frame + of_modes));
         // All plates that can lie on it push the arm at once.
         let length_m: f64 = rail.rail.profile.elements().iter().map(|e| e.length_m()).sum();
         let plates = length_m / pitch_m + 1.0;
         if of_all > 0.0 {
             let on = if of_turn > 0.0 { "on its arm" } else { "as it gives way" };
-            bounds.extend(contact_bounds(&format!("{name} {on}"), &rail.body.law, radii, plates * of_all));
+            bounds.extend(contact_bounds(&format!("{name} {on}"), pair, plates * of_all));
         }
     }
     bounds
@@ -225,15 +284,15 @@ fn rail_bounds(model: &Model, chain: usize, end_mobility: f64) -> Vec<StepBound>
 fn body_bounds(
     model: &Model,
     name: &str,
-    (law, radii): (&ContactLaw, PairRadii),
+    pair: (&ContactLaw, PairRadii, ContactLoad),
     mobility: f64,
     frame: &BodyFrame,
     most: f64,
 ) -> Vec<StepBound> {
     let own = axis_mobility(model, frame);
-    let mut bounds = contact_bounds(name, law, radii, mobility + own).to_vec();
+    let mut bounds = contact_bounds(name, pair, mobility + own).to_vec();
     if own > 0.0 {
-        bounds.extend(contact_bounds(&format!("{name} on its bearing"), law, radii, most * own));
+        bounds.extend(contact_bounds(&format!("{name} on its bearing"), pair, most * own));
     }
     bounds
 }
@@ -320,6 +379,7 @@ fn abutments_bound(model: &Model, chain: usize, accurate: StepBound) -> StepBoun
         joint_stiffness_n_per_m: joint.stiffness_n_per_m,
         joint_damping_n_s_per_m: joint.damping_n_s_per_m,
     };
+    let load = chain_loads(model, chain).on_abutments;
     let bodies: Vec<&EndBody> = model.end_bodies.iter().filter(|b| b.chain == chain).collect();
     let mut bound = accurate;
     let mut looked_at = Vec::new();
@@ -328,7 +388,7 @@ fn abutments_bound(model: &Model, chain: usize, accurate: StepBound) -> StepBoun
             let radii = PairRadii { bush_m: link.arm_m, body_m: f64::INFINITY };
             let mobility = link.inverse_mass + link.arm_m * link.arm_m * link.inverse_inertia;
             let law = |b: &EndBody| {
-                let damping = b.law.damping_at(damping_load_n(&b.law, mobility));
+                let damping = b.law.damping_at(damping_load_n(&b.law, mobility, load));
                 (b.law.stiffness_at(PEAK_FORCE_N, radii), damping)
             };
             let (laws, two_bodies) = ([law(p), law(q)], p.body != q.body);
@@ -383,15 +443,16 @@ fn rows([p, q]: [(f64, f64); 2], two_bodies: bool) -> Vec<ContactRow> {
     [with_front, with_rear].map(|both| vec![on_q.clone(), both, on_p.clone(), on_p.clone()]).to_vec()
 }
 
-/// Load at which the damping of a law bounds the step [N]. That of the Hunt-Crossley law grows with the load. An impact at the speed 1/chi
-/// reaches sqrt(2 (1 - ln 2) k/w) / chi, and c w h = 0.78 sqrt(k w) h there: no more than the stiffness asks for. What rests may bear twice that.
-fn damping_load_n(law: &ContactLaw, mobility: f64) -> f64 {
+/// Load at which the damping of a law bounds the step [N]. That of the Hunt-Crossley law grows with the load. An impact at the speed v reaches
+/// k d = sqrt(2 k/w (l - ln(1 + l)))/chi with l = chi v, at its deepest.
+fn damping_load_n(law: &ContactLaw, mobility: f64, load: ContactLoad) -> f64 {
     match *law {
-        ContactLaw::HuntCrossley { damping_s_per_m, .. } if damping_s_per_m > 0.0 => {
+        ContactLaw::HuntCrossley { damping_s_per_m: chi, .. } if chi > 0.0 => {
             let radii = PairRadii { bush_m: 1.0, body_m: f64::INFINITY };
             let stiffness_n_per_m = law.stiffness_at(PEAK_FORCE_N, radii);
-            let impact_n = 0.783 * libm::sqrt(stiffness_n_per_m / mobility) / damping_s_per_m;
-            (2.0 * impact_n).min(PEAK_FORCE_N)
+            let l = chi * load.speed_m_s;
+            let impact_n = libm::sqrt(2.0 * stiffness_n_per_m / mobility * (l - libm::log1p(l))) / chi;
+            load.rest_n.max(impact_n)
         }
         ContactLaw::HuntCrossley { .. }
         | ContactLaw::Linear { .. }
@@ -400,13 +461,35 @@ fn damping_load_n(law: &ContactLaw, mobility: f64) -> f64 {
     }
 }
 
-fn contact_bounds(name: &str, law: &ContactLaw, radii: PairRadii, mobility: f64) -> [StepBound; 2] {
-    let stiffness = law.stiffness_at(PEAK_FORCE_N, radii);
-    let damping = law.damping_at(damping_load_n(law, mobility)).max(1e-9);
+fn contact_bounds(name: &str, pair: (&ContactLaw, PairRadii, ContactLoad), mobility: f64) -> [StepBound; 2] {
+    longer_bounds(name, pair, mobility, 1.0)
+}
+
+/// Bounds of a contact whose spring bears steps so many times as long.
+fn longer_bounds(
+    name: &str,
+    (law, radii, load): (&ContactLaw, PairRadii, ContactLoad),
+    mobility: f64,
+    longer: f64,
+) -> [StepBound; 2] {
+    let stiffness = law.stiffness_at(PEAK_FORCE_N, radii) * mobility / (longer * longer);
+    let damping = law.damping_at(damping_load_n(law, mobility, load)).max(1e-9) * mobility;
     [
-        StepBound { step_s: CONTACT / libm::sqrt(stiffness * mobility), cause: format!("contact stiffness at {name}") },
-        StepBound { step_s: CONTACT_DAMPING / (damping * mobility), cause: format!("contact damping at {name}") },
+        StepBound { step_s: CONTACT / libm::sqrt(stiffness), cause: format!("contact stiffness at {name}") },
+        StepBound {
+            step_s: damping_step(law.grows(), stiffness, damping),
+            cause: format!("contact damping at {name}"),
+        },
     ]
+}
+
+/// Step that a damper bears, from k w [1/s2] and c w [1/s].
+fn damping_step(grows: bool, stiffness_per_s2: f64, damping_per_s: f64) -> f64 {
+    if grows {
+        1.0 / libm::sqrt(stiffness_per_s2 + (damping_per_s / GROWING_DAMPING).powi(2))
+    } else {
+        CONTACT_DAMPING / damping_per_s
+    }
 }
 
 /// The bound rounded down to two digits: the step that is taken when none is asked for.

@@ -120,6 +120,13 @@ impl Model {
         self.loads.iter().filter(|l| l.coordinate == coordinate).map(|l| l.mean_force(speed)).sum()
     }
 
+    /// What the loads by laws on a coordinate lose for each unit of speed about its nominal one [N m s/rad, N s/m].
+    pub fn load_damping(&self, coordinate: usize) -> f64 {
+        let speed = self.coordinates[coordinate].nominal_speed_rad_s;
+        let loads = self.loads.iter().filter(|l| l.coordinate == coordinate);
+        loads.map(|l| l.mean_damping(speed)).sum()
+    }
+
     /// Turn of the driver since the recording began, harmonics included [rad].
     pub fn crank_angle_rad(&self, step: u64) -> f64 {
         match (&self.driver_motion, self.sprockets.get(self.driver)) {

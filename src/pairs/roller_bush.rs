@@ -197,6 +197,14 @@ impl<'a> RestingBush<'a> {
             Some(bore) => bore.at_rest(d, (&self.tooth.law, radii)),
         }
     }
+
+    /// Damping under a load: of the tooth, and of the bore one behind the other [N s/m].
+    pub fn damping_n_s_per_m(&self, force_n: f64) -> f64 {
+        let of_tooth = self.tooth.law.damping_at(force_n);
+        let Some(bore) = self.bore else { return of_tooth };
+        let of_bore = bore.law.damping_at(force_n);
+        if of_tooth + of_bore > 0.0 { of_tooth * of_bore / (of_tooth + of_bore) } else { 0.0 }
+    }
 }
 
 /// Below this squared distance a roller is as good as in the middle of its play [m2]: no direction is told any more.

@@ -1,11 +1,13 @@
 //! A recording in Foxglove's own messages: outlines attached to moving frames, forces as arrows, events as log.
 
+use super::contact_labels::{ContactLabel, contact_labels, reference_force_n};
 use super::frame::{Event, Frame, Header, Outline, OutlineCircle};
-use super::view_geometry::{DrawnForce, circle, drawn_forces, polyline};
+use super::palette::{FORCE, FRICTION};
+use super::view_geometry::{DrawnForce, circle, drawn_forces, polyline, scene_bounds};
 use foxglove::Encode;
 use foxglove::messages::{
     ArrowPrimitive, Color, FrameTransform, FrameTransforms, LinePrimitive, Log, Point3, Pose, Quaternion, SceneEntity,
-    SceneUpdate, Timestamp, Vector3, line_primitive,
+    SceneUpdate, TextPrimitive, Timestamp, Vector3, line_primitive,
 };
 use prost::Message;
 use prost::encoding::{WireType, encode_key, encode_varint};
@@ -15,6 +17,10 @@ use std::borrow::Cow;
 const WORLD: &str = "world";
 /// Length of an arrow for a force equal to the mean static tension [m].
 const ARROW_AT_TENSION_M: f64 = 12e-3;
+/// Friction that is drawn, as a share of the mean static tension.
+const SMALLEST_FRICTION: f64 = 0.02;
+/// Size of labels [pixels].
+const FONT_SIZE: f64 = 12.0;
 
 /// Schema of one of Foxglove's messages that recordings use; None for any other name.
 pub fn schema(name: &str) -> Option<Cow<'static, [u8]>> {
@@ -52,6 +58,7 @@ pub fn outlines(header: &Header) -> SceneUpdate {
             entities.push(entity(&body.path, outline, rgb(0.55, 0.55, 0.58)));
         }
     }
+    entities.extend(scale_arrow(header));
     SceneUpdate { deletions: Vec::new(), entities }
 }
 
@@ -67,6 +74,47 @@ fn entity(frame_id: &str, outline: &Outline, color: Color) -> SceneEntity {
         frame_locked: true,
         lines,
         ..SceneEntity::default()
+    }
+}
+
+/// An arrow as long as that of a force equal to the mean static tension, below the drive.
+fn scale_arrow(header: &Header) -> Option<SceneEntity> {
+    let (low, high) = scene_bounds(header);
+    let force_n = reference_force_n(header);
+    let [x, y] = [low[0], low[1] - 2.0 * ARROW_AT_TENSION_M];
+    let text = format!("contact force {force_n:.0} N (blue: its friction)");
+    (low[0] <= high[0]).then(|| SceneEntity {
+        timestamp: timestamp(0),
+        frame_id: WORLD.to_string(),
+        id: "scale".to_string(),
+        arrows: vec![arrow([x, y], [ARROW_AT_TENSION_M, 0.0], FORCE)],
+        texts: vec![words([x, y - 0.3 * ARROW_AT_TENSION_M], text)],
+        ..SceneEntity::default()
+    })
+}
+
+/// Text of a fixed size that faces the camera.
+fn words([x, y]: [f64; 2], text: String) -> TextPrimitive {
+    TextPrimitive {
+        pose: Some(pose(x, y, 0.0)),
+        billboard: true,
+        font_size: FONT_SIZE,
+        scale_invariant: true,
+        color: Some(rgb(1.0, 1.0, 1.0)),
+        text,
+    }
+}
+
+fn arrow([x, y]: [f64; 2], [ax, ay]: [f64; 2], colour: [u8; 3]) -> ArrowPrimitive {
+    let [r, g, b] = colour.map(|part| f64::from(part) / 255.0);
+    let length = (ax * ax + ay * ay).sqrt();
+    ArrowPrimitive {
+        pose: Some(Pose { position: Some(Vector3 { x, y, z: 0.0 }), orientation: Some(along(ax, ay, length)) }),
+        shaft_length: 0.8 * length,
+        shaft_diameter: 0.25e-3,
+        head_length: 0.2 * length,
+        head_diameter: 0.6e-3,
+        color: Some(rgb(r, g, b)),
     }
 }
 
@@ -173,29 +221,25 @@ fn put_pair(tag: u8, values: [(u8, f64); 2], out: &mut Vec<u8>) {
     out.extend_from_slice(&bytes[..len]);
 }
 
-/// Contact forces on the links, and forces of arms on sliders, as arrows.
+/// Contact forces on the links, and forces of arms on sliders, as arrows, with labels where contacts are large or have just begun.
 pub fn forces(header: &Header, frame: &Frame, t_ns: u64) -> SceneUpdate {
-    let metres_per_newton = ARROW_AT_TENSION_M / header.static_tension_n.max(1.0);
-    let arrows = drawn_forces(frame)
-        .map(|DrawnForce { point_m: [x, y], force_n: [fx, fy], .. }| {
-            let force_n = (fx * fx + fy * fy).sqrt();
-            let size = force_n * metres_per_newton;
-            let position = Vector3 { x, y, z: 0.0 };
-            ArrowPrimitive {
-                pose: Some(Pose { position: Some(position), orientation: Some(along(fx, fy, force_n)) }),
-                shaft_length: 0.8 * size,
-                shaft_diameter: 0.25e-3,
-                head_length: 0.2 * size,
-                head_diameter: 0.6e-3,
-                color: Some(rgb(0.9, 0.15, 0.2)),
-            }
-        })
-        .collect();
+    let metres_per_newton = ARROW_AT_TENSION_M / reference_force_n(header);
+    let scaled = |force_n: [f64; 2]| force_n.map(|n| n * metres_per_newton);
+    let mut arrows = Vec::new();
+    for DrawnForce { point_m, force_n, friction_n, .. } in drawn_forces(frame) {
+        arrows.push(arrow(point_m, scaled(force_n), FORCE));
+        if libm::hypot(friction_n[0], friction_n[1]) > SMALLEST_FRICTION * reference_force_n(header) {
+            arrows.push(arrow(point_m, scaled(friction_n), FRICTION));
+        }
+    }
+    let labels = contact_labels(frame, header).into_iter();
+    let texts = labels.map(|ContactLabel { point_m, text }| words(point_m, text)).collect();
     let entity = SceneEntity {
         timestamp: timestamp(t_ns),
         frame_id: WORLD.to_string(),
         id: "contact_forces".to_string(),
         arrows,
+        texts,
         ..SceneEntity::default()
     };
     SceneUpdate { deletions: Vec::new(), entities: vec![entity] }

@@ -317,6 +317,11 @@ pub struct BodyInfo {
 pub const RISE_FROM_SHARE: f64 = 0.1;
 
 impl Impact {
+    /// Time of the touch itself [s].
+    pub fn touched_s(&self) -> f64 {
+        self.t_s + self.touch_offset_s
+    }
+
     /// Rise time [s]; None where it is the contact law's, whose force jumps at the touch.
     pub fn own_rise_time_s(&self) -> Option<f64> {
         (self.touch_force_n <= RISE_FROM_SHARE * self.peak_force_n).then_some(self.rise_time_s)
@@ -541,6 +546,7 @@ record! {
         15 y_m: double, "m", Node, Height, "Place of the first touch on the body, y.";
         16 watched_s: double, "s", Node, Value, "How long it was watched: less than two tooth periods where the recording ends.";
         17 touch_force_n: double, "N", Node, Value, "What the contact law gives at the touch itself: more than zero where a constant damper stands beside the spring.";
+        18 touch_offset_s: double, "s", Node, Value, "How much later than `t_s` the bodies touched, which is between two steps; negative: before it.";
     }
 }
 

@@ -4,6 +4,10 @@
 pub mod capture;
 #[doc(hidden)]
 pub mod columns;
+#[doc(hidden)]
+pub mod contact_labels;
+#[doc(hidden)]
+pub mod foxglove_layout;
 #[cfg(feature = "live")]
 #[doc(hidden)]
 pub mod foxglove_live;
@@ -16,6 +20,8 @@ mod header;
 pub mod live;
 #[doc(hidden)]
 pub mod mcap;
+#[doc(hidden)]
+pub mod palette;
 pub mod places;
 pub mod reader;
 #[cfg(feature = "rerun")]
@@ -68,18 +74,29 @@ pub struct ViewOptions {
     pub picture_interval_s: f64,
     /// The same of the MCAP archive [s], whose pictures are for the Foxglove app and take more room.
     pub archive_interval_s: f64,
+    /// Where a viewer begins; None: at the first frame, with the whole drive.
+    pub opens_at: Option<OpensAt>,
+}
+
+/// What a viewer shows first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OpensAt {
+    /// Time [s].
+    pub t_s: f64,
+    /// Place in the middle of the picture [m].
+    pub point_m: [f64; 2],
 }
 
 impl ViewOptions {
     /// The same time between pictures everywhere [s].
     pub fn every(interval_s: f64) -> ViewOptions {
-        ViewOptions { picture_interval_s: interval_s, archive_interval_s: interval_s }
+        ViewOptions { picture_interval_s: interval_s, archive_interval_s: interval_s, opens_at: None }
     }
 }
 
 impl Default for ViewOptions {
     fn default() -> ViewOptions {
-        ViewOptions { picture_interval_s: 200e-6, archive_interval_s: 400e-6 }
+        ViewOptions { picture_interval_s: 200e-6, archive_interval_s: 400e-6, opens_at: None }
     }
 }
 

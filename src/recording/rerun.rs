@@ -13,12 +13,13 @@ mod scene;
 mod table;
 mod writer;
 
+use super::contact_labels::{drive_of, drives_of, short_name};
 use super::frame::{BodyInfo, Event, Frame, Header, Impact, Keyframe, Links};
-use super::view_geometry::scene_bounds;
-use super::{PictureClock, Sink, ViewOptions};
+use super::view_geometry::{bounds_of, scene_bounds};
+use super::{OpensAt, PictureClock, Sink, ViewOptions};
 use crate::output::OutputFile;
 use anyhow::{Context, Result};
-use blueprint::ViewRect;
+use blueprint::{FirstView, PictureTab, ViewRect};
 use rerun::blueprint::components::PlayState;
 use rerun::sink::LogSink;
 use rerun::{RecordingStream, RecordingStreamBuilder, TextLog};
@@ -64,6 +65,7 @@ pub struct RerunSink {
     recording: String,
     clock: PictureClock,
     scale: ForceScale,
+    opens_at: Option<OpensAt>,
     has_layout: bool,
     /// Times of the last frames [s], and the crank's angle then.
     last_cranks_udeg: std::collections::VecDeque<(f64, i64)>,
@@ -111,6 +113,7 @@ impl RerunSink {
             recording,
             clock: PictureClock::new(view.picture_interval_s),
             scale,
+            opens_at: view.opens_at,
             has_layout: false,
             last_cranks_udeg: std::collections::VecDeque::new(),
             number_times: Times::default(),
@@ -203,8 +206,8 @@ impl RerunSink {
         Ok(())
     }
 
-    fn send_layout(&mut self, close_ups: &[ViewRect]) -> Result<()> {
-        let drive = whole_drive(&self.header);
+    /// `frame`: the first one, if there is any.
+    fn send_layout(&mut self, frame: Option<&Frame>) -> Result<()> {
         let play = match self.end {
             RowDestination::File { .. } => PlayState::Paused,
             RowDestination::Viewer { .. } => PlayState::Following,
@@ -213,7 +216,12 @@ impl RerunSink {
             .into_iter()
             .map(|(unit, _)| (format!("sensors [{unit}]"), format!("/{}", scene::sensors_entity(&unit))))
             .collect();
-        blueprint::send(self.stream()?, &self.recording, &drive, close_ups, play, &sensors)?;
+        let stands_at_ns = self.opens_at.map(|at| (at.t_s * 1e9).round() as i64);
+        let first = FirstView { tabs: picture_tabs(&self.header, frame, self.opens_at), play, stands_at_ns, sensors };
+        for (view, look) in first.pictures().enumerate() {
+            scene::log_legend(self.stream()?, view, look, self.scale)?;
+        }
+        blueprint::send(self.stream()?, &self.recording, &first)?;
         self.has_layout = true;
         Ok(())
     }
@@ -222,7 +230,7 @@ impl RerunSink {
 impl Sink for RerunSink {
     fn frame(&mut self, frame: &Frame) -> Result<()> {
         if !self.has_layout {
-            self.send_layout(&close_ups(&self.header, frame))?;
+            self.send_layout(Some(frame))?;
         }
         let crank_udeg = (frame.crank_angle_rad.to_degrees() * 1e6).round() as i64;
         if self.last_cranks_udeg.len() == REMEMBERED_FRAMES {
@@ -232,7 +240,7 @@ impl Sink for RerunSink {
         self.number_times.push(frame.t_s, frame.step, crank_udeg);
         self.numbers.push(frame);
         self.curve_times.push(frame.t_s, frame.step, crank_udeg);
-        self.curves.push(frame, &self.header);
+        self.curves.push(frame);
         if self.clock.due(frame.t_s) {
             self.picture_times.push(frame.t_s, frame.step, crank_udeg);
             self.pictures.push(frame, &self.header, self.scale);
@@ -273,7 +281,7 @@ impl Sink for RerunSink {
 
     fn close(&mut self) -> Result<u64> {
         if !self.has_layout {
-            self.send_layout(&[])?;
+            self.send_layout(None)?;
         }
         self.send_blocks(true)?;
         self.check_written()?;
@@ -344,30 +352,73 @@ fn cannot_write(path: &Path) -> String {
     format!("cannot write {}", path.display())
 }
 
-fn whole_drive(header: &Header) -> ViewRect {
-    let (low, high) = scene_bounds(header);
-    let name = "drive".to_owned();
+/// Pitches that a close-up shows.
+const CLOSE_UP: f64 = 5.0;
+/// Close-ups that share a row; of more, each has a tab.
+const CLOSE_UPS_IN_A_ROW: usize = 2;
+
+/// The pictures of a recording: what it opens at, the whole drive with close-ups; of a merged one all drives, then each with its own.
+fn picture_tabs(header: &Header, frame: Option<&Frame>, opens_at: Option<OpensAt>) -> Vec<PictureTab> {
+    let whole = picture_of("drive", header, scene_bounds(header));
+    let looks = |drive: Option<&str>| frame.map_or_else(Vec::new, |frame| close_ups(header, frame, drive));
+    let mut tabs = Vec::new();
+    if let Some(OpensAt { point_m, .. }) = opens_at {
+        let name = "impact".to_string();
+        let rows = vec![vec![close_up(header, name.clone(), point_m)], vec![whole.clone()]];
+        tabs.push(PictureTab { name, rows });
+    }
+    let drives = drives_of(header);
+    if drives.is_empty() {
+        let near = looks(None);
+        let name = "drive".to_string();
+        if near.len() <= CLOSE_UPS_IN_A_ROW {
+            let rows = [vec![whole], near].into_iter().filter(|row| !row.is_empty()).collect();
+            tabs.push(PictureTab { name, rows });
+        } else {
+            let first = near[0].clone();
+            tabs.push(PictureTab { name, rows: vec![vec![whole], vec![first]] });
+            tabs.extend(near.into_iter().map(|look| PictureTab { name: look.name.clone(), rows: vec![vec![look]] }));
+        }
+        return tabs;
+    }
+    let drivers: Vec<ViewRect> = drives.iter().filter_map(|drive| looks(Some(drive)).into_iter().next()).collect();
+    let rows = [vec![ViewRect { name: "all drives".into(), ..whole }], drivers];
+    tabs.push(PictureTab { name: "all drives".into(), rows: rows.into_iter().filter(|row| !row.is_empty()).collect() });
+    for drive in drives {
+        let own = header.bodies.iter().filter(|body| drive_of(body) == Some(drive));
+        let mut rows = vec![vec![picture_of(drive, header, bounds_of(own))]];
+        rows.extend(looks(Some(drive)).into_iter().take(CLOSE_UPS_IN_A_ROW).map(|look| vec![look]));
+        tabs.push(PictureTab { name: drive.to_string(), rows });
+    }
+    tabs
+}
+
+/// A picture of bodies between two corners, with room for the chain about them.
+fn picture_of(name: &str, header: &Header, (low, high): ([f64; 2], [f64; 2])) -> ViewRect {
+    let name = name.to_owned();
     if !(low[0] <= high[0] && low[1] <= high[1]) {
-        return ViewRect { name, centre: [0.0, 0.0], width: 300.0, height: 200.0 };
+        return ViewRect { name, centre: [0.0, 0.0], width: 300.0, height: 200.0, is_near: false };
     }
     // Two pitches of room on each side for the chain.
     let room = 4.0 * scene::pitch_mm(header);
     let centre = [0, 1].map(|k| 0.5 * MM_PER_M * (low[k] + high[k]));
     let [width, height] = [0, 1].map(|k| MM_PER_M * (high[k] - low[k]) + room);
-    ViewRect { name, centre, width, height }
+    ViewRect { name, centre, width, height, is_near: false }
 }
 
-/// For each sprocket the place where the chain runs on; on the driver this is the end of the tight span.
-fn close_ups(header: &Header, frame: &Frame) -> Vec<ViewRect> {
-    let pitch = scene::pitch_mm(header);
-    let mut looks = Vec::new();
-    for body in header.bodies.iter().filter(|body| body.rotor) {
-        let Some([x_m, y_m]) = first_seated(header, body, frame) else { continue };
-        let centre = [MM_PER_M * x_m, MM_PER_M * y_m];
-        let name = format!("{}: chain runs on", scene::short_name(body));
-        looks.push(ViewRect { name, centre, width: 5.0 * pitch, height: 5.0 * pitch });
-    }
-    looks
+fn close_up(header: &Header, name: String, point_m: [f64; 2]) -> ViewRect {
+    let size = CLOSE_UP * scene::pitch_mm(header);
+    ViewRect { name, centre: point_m.map(|v| MM_PER_M * v), width: size, height: size, is_near: true }
+}
+
+/// For each sprocket, or each of one drive, the place where the chain runs on; on the driver this is the end of the tight span.
+fn close_ups(header: &Header, frame: &Frame, drive: Option<&str>) -> Vec<ViewRect> {
+    let own = header.bodies.iter().filter(|body| body.rotor && (drive.is_none() || drive_of(body) == drive));
+    own.filter_map(|body| {
+        let name = format!("{}: chain runs on", short_name(body));
+        first_seated(header, body, frame).map(|point_m| close_up(header, name, point_m))
+    })
+    .collect()
 }
 
 /// Centre of the link that seated last on the sprocket [m].

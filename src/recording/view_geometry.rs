@@ -1,6 +1,6 @@
 //! Outlines as polylines and triangles, for sinks that draw.
 
-use super::frame::{Frame, Header, Outline, OutlineElement};
+use super::frame::{BodyInfo, Frame, Header, Outline, OutlineElement};
 
 /// Largest distance between an arc and its chords in drawings [m].
 pub const DRAWING_TOLERANCE_M: f64 = 5e-6;
@@ -54,6 +54,8 @@ pub struct DrawnForce {
     pub force_n: [f64; 2],
     /// Its part along the normal.
     pub normal_n: f64,
+    /// Its part by friction.
+    pub friction_n: [f64; 2],
 }
 
 /// Forces of contacts on links, then those of arms on the tips of sliders.
@@ -63,6 +65,7 @@ pub fn drawn_forces(frame: &Frame) -> impl Iterator<Item = DrawnForce> + '_ {
         point_m,
         force_n: [normal_n * nx - along_n * ny, normal_n * ny + along_n * nx],
         normal_n,
+        friction_n: [-along_n * ny, along_n * nx],
     };
     let (c, t) = (&frame.contacts, &frame.touches);
     let contacts = (0..c.link.len()).map(move |i| {
@@ -80,9 +83,14 @@ pub fn drawn_forces(frame: &Frame) -> impl Iterator<Item = DrawnForce> + '_ {
 
 /// Bounding box of all static bodies: (lower, upper) corner [m]; the chain extends beyond it by a few pitches at most.
 pub fn scene_bounds(header: &Header) -> ([f64; 2], [f64; 2]) {
+    bounds_of(&header.bodies)
+}
+
+/// The same of some bodies.
+pub fn bounds_of<'a>(bodies: impl IntoIterator<Item = &'a BodyInfo>) -> ([f64; 2], [f64; 2]) {
     let mut low = [f64::INFINITY; 2];
     let mut high = [f64::NEG_INFINITY; 2];
-    for body in &header.bodies {
+    for body in bodies {
         let Some(outline) = &body.outline else { continue };
         let (s, c) = libm::sincos(body.angle_rad);
         for [x, y] in polyline(outline) {

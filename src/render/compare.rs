@@ -3,6 +3,7 @@
 use super::escape;
 use crate::compare::{Claim, DriveSummary, Run};
 use crate::engagement::{BINS_PER_PITCH, ContactKind, KINDS, Pass};
+use crate::recording::palette::{CURVE_COLOURS, hex};
 use std::fmt::Write;
 
 /// Size of one diagram [px], and its margins.
@@ -11,20 +12,23 @@ const MARGIN: (f64, f64) = (56.0, 34.0);
 /// Displayed part of a pass [T].
 const SHOWN: (f64, f64) = (-1.5, 11.5);
 
-fn colour(kind: ContactKind) -> &'static str {
-    match kind {
-        ContactKind::Guide => "#2b8a3e",
-        ContactKind::RingFront => "#1c6dd0",
-        ContactKind::RingRear => "#6f42c1",
-        ContactKind::Bush => "#c92a2a",
-        ContactKind::FlankLeading => "#e8890c",
-        ContactKind::FlankTrailing => "#c92a2a",
-        ContactKind::InnerFlank => "#495057",
-    }
+/// Of a kind of contact.
+fn colour(kind: ContactKind) -> String {
+    let [sky, orange, green, purple, _, vermilion, blue] = CURVE_COLOURS;
+    hex(match kind {
+        ContactKind::Guide => green,
+        ContactKind::RingFront => blue,
+        ContactKind::RingRear => purple,
+        ContactKind::Bush | ContactKind::FlankTrailing => vermilion,
+        ContactKind::FlankLeading => orange,
+        ContactKind::InnerFlank => sky,
+    })
 }
 
-/// Colours of the drives, in their order.
-const LINES: [&str; 6] = ["#c92a2a", "#e8890c", "#1c6dd0", "#2b8a3e", "#6f42c1", "#495057"];
+/// Of a drive, by its place.
+fn drive_colour(place: usize) -> String {
+    hex(CURVE_COLOURS[place % CURVE_COLOURS.len()])
+}
 
 /// The whole page. `sweep`: summaries over speeds [rpm], if there are several.
 pub fn html(runs: &[Run], claims: &[Claim], sweep: &[(f64, Vec<DriveSummary>)], recordings: &[String]) -> String {
@@ -284,7 +288,7 @@ impl Chart<'_> {
         }
         let mut key = left + 8.0;
         for (i, (name, points)) in lines.iter().enumerate() {
-            let c = LINES[i % LINES.len()];
+            let c = drive_colour(i);
             let line: String = points.iter().map(|(a, b)| format!("{:.1},{:.1} ", x(*a), y(*b))).collect();
             let _infallible = writeln!(
                 svg,

@@ -72,7 +72,8 @@ const ROLLER_COLOUR: &str = "#7a6a1e";
 /// Colours of the links' rows, in the order of `Header::link_outlines`; clearly different also in grey.
 const ROW_COLOURS: [&str; 6] = ["#1f5fbf", "#c8641a", "#2f8a57", "#8d4bb4", "#a08a00", "#5a6b7b"];
 const INK: &str = "#223";
-const FORCE: &str = "#c8102e";
+/// `recording::palette::FORCE`.
+const FORCE: &str = "#dc263c";
 const JOINT_FORCE: &str = "#0a7a5c";
 
 /// Position of a panel on the page and its view.
@@ -523,4 +524,13 @@ fn push_text(svg: &mut String, [x, y]: [f64; 2], size: f64, anchor: &str, colour
         y + 0.35 * size,
         escape(text)
     );
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn forces_have_the_colour_of_all_viewers() {
+        use crate::recording::palette;
+        assert_eq!(super::FORCE, palette::hex(palette::FORCE));
+    }
 }

@@ -2,7 +2,7 @@
 
 use super::{Configuration, System, joint_offset};
 use crate::elements::body_frame::BodyFrame;
-use crate::elements::contact_law::{Elastic, PairRadii};
+use crate::elements::contact_law::{ContactLaw, Elastic, PairRadii};
 use crate::elements::coordinate::CoordinateKind;
 use crate::elements::coupling::Coupling;
 use crate::elements::span::ChainSpan;
@@ -23,17 +23,53 @@ pub(super) struct StaticProblem<'a> {
     pub(super) model: &'a Model,
     pub(super) free: Vec<usize>,
     load_factor: f64,
+    of: SystemOf,
     finder: EndFinder,
+}
+
+/// What a system is the matrix of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum SystemOf {
+    /// The potential energy: forces, stiffness.
+    Potential,
+    /// The dampers, each where its spring stands: damping in place of stiffness, and no forces.
+    Dampers,
+}
+
+impl SystemOf {
+    /// What a contact gives that rests with this force and stiffness.
+    fn contact(self, elastic: Elastic, law: &ContactLaw) -> Elastic {
+        match self {
+            SystemOf::Potential => elastic,
+            SystemOf::Dampers => damper(law.damping_at(elastic.force_n)),
+        }
+    }
+
+    fn pick(self, stiffness: f64, damping: f64) -> f64 {
+        match self {
+            SystemOf::Potential => stiffness,
+            SystemOf::Dampers => damping,
+        }
+    }
+}
+
+fn damper(damping: f64) -> Elastic {
+    Elastic { force_n: 0.0, stiffness_n_per_m: damping, energy_j: 0.0 }
 }
 
 impl<'a> StaticProblem<'a> {
     pub(super) fn new(model: &'a Model, free: Vec<usize>, load_factor: f64) -> StaticProblem<'a> {
-        StaticProblem { model, free, load_factor, finder: EndFinder::new(model) }
+        StaticProblem { model, free, load_factor, of: SystemOf::Potential, finder: EndFinder::new(model) }
+    }
+
+    /// The dampers of the same in place of its springs.
+    pub(super) fn of_dampers(model: &'a Model, free: Vec<usize>) -> StaticProblem<'a> {
+        StaticProblem { of: SystemOf::Dampers, ..StaticProblem::new(model, free, 1.0) }
     }
 
     pub(super) fn system(&mut self, q: &Configuration) -> System {
-        let StaticProblem { model, free, load_factor, finder } = self;
-        let (model, load_factor) = (*model, *load_factor);
+        let StaticProblem { model, free, load_factor, of, finder } = self;
+        let (model, load_factor, of) = (*model, *load_factor, *of);
         let n = model.chain.lanes;
         let mut s = System {
             loops: model.chain.loops.iter().filter(|l| !l.is_empty()).cloned().collect(),
@@ -44,12 +80,17 @@ impl<'a> StaticProblem<'a> {
             rotor_gradient: DVector::zeros(free.len()),
             rotors: DMatrix::zeros(free.len(), free.len()),
             energy: 0.0,
+            of,
         };
         for j in model.chain.links() {
             add_joint(model, q, j, &mut s);
         }
         for (c, index) in free.iter().enumerate() {
             let coordinate = &model.coordinates[*index];
+            if of == SystemOf::Dampers {
+                s.rotors[(c, c)] += coordinate.spring.damping + model.load_damping(*index);
+                continue;
+            }
             // The constant springs of sliders are no loads.
             let share = if coordinate.kind == CoordinateKind::Turns { load_factor } else { 1.0 };
             let load = coordinate.load() + model.mean_load(*index);
@@ -82,6 +123,10 @@ impl<'a> StaticProblem<'a> {
                 let hit = bush_gap::gap_contact(teeth, rotated(offset, -angle), bush.radius_m);
                 let elastic = bush.elastic(hit.touch.penetration_m, hit.body_radius_m);
                 if elastic.force_n > 0.0 {
+                    let elastic = match of {
+                        SystemOf::Potential => elastic,
+                        SystemOf::Dampers => damper(bush.damping_n_s_per_m(elastic.force_n)),
+                    };
                     let normal = rotated(hit.touch.normal, angle);
                     // Distance to the centre of curvature decides how the normal turns: convex bodies weaken, concave stiffen.
                     let bend = if hit.body_radius_m < 0.0 {
@@ -155,15 +200,17 @@ impl FrameColumns {
 fn add_coupling(coupling: &Coupling, q: &Configuration, free: &[usize], s: &mut System) {
     let [a, b] = coupling.ends;
     let at = [q.coordinates[a], q.coordinates[b]];
-    s.energy += coupling.energy_j(at);
+    let stiffness = s.of.pick(coupling.stiffness_nm_per_rad, coupling.damping_nm_s_per_rad);
+    let has_force = s.of.pick(1.0, 0.0);
+    s.energy += has_force * coupling.energy_j(at);
     let (torque, _) = coupling.torques_nm(at, [0.0; 2]);
     let columns = [a, b].map(|k| free.iter().position(|f| *f == k));
     for (row, sign) in [(columns[0], 1.0), (columns[1], -1.0)] {
         let Some(row) = row else { continue };
-        s.rotor_gradient[row] -= sign * torque;
+        s.rotor_gradient[row] -= has_force * sign * torque;
         for (column, other) in [(columns[0], 1.0), (columns[1], -1.0)] {
             let Some(column) = column else { continue };
-            s.rotors[(row, column)] += sign * other * coupling.stiffness_nm_per_rad;
+            s.rotors[(row, column)] += sign * other * stiffness;
         }
     }
 }
@@ -175,15 +222,17 @@ fn add_span(span: &ChainSpan, q: &Configuration, free: &[usize], s: &mut System)
     if tension_n <= 0.0 {
         return;
     }
-    s.energy += span.energy_j(elongation_m);
+    let stiffness = s.of.pick(span.stiffness_n_per_m, span.damping_n_s_per_m);
+    let has_force = s.of.pick(1.0, 0.0);
+    s.energy += has_force * span.energy_j(elongation_m);
     let columns = span.ends.map(|k| free.iter().position(|f| *f == k));
     let levers_m = span.levers_m();
     for (row, lever_m) in columns.into_iter().zip(levers_m) {
         let Some(row) = row else { continue };
-        s.rotor_gradient[row] -= lever_m * tension_n;
+        s.rotor_gradient[row] -= has_force * lever_m * tension_n;
         for (column, other_m) in columns.into_iter().zip(levers_m) {
             let Some(column) = column else { continue };
-            s.rotors[(row, column)] += lever_m * other_m * span.stiffness_n_per_m;
+            s.rotors[(row, column)] += lever_m * other_m * stiffness;
         }
     }
 }
@@ -195,6 +244,7 @@ fn add_touch(touch: &Touch, q: &Configuration, free: &[usize], s: &mut System) {
     if elastic.force_n <= 0.0 {
         return;
     }
+    let elastic = s.of.contact(elastic, &touch.law);
     s.energy += elastic.energy_j;
     let columns = gap.coordinates.map(|k| free.iter().position(|f| *f == k));
     let [first, mixed, second] = gap.bend;
@@ -234,6 +284,7 @@ fn add_end_contacts(model: &Model, q: &Configuration, (free, finder): (&[usize],
             let radii = PairRadii { bush_m: touch.link_radius_m, body_m: touch.body_radius_m };
             let elastic = body.law.elastic(touch.penetration_m, radii);
             if elastic.force_n > 0.0 {
+                let elastic = s.of.contact(elastic, &body.law);
                 let centre = q.links[*link].0 - origin;
                 columns.add(s, *link, |s| add_end_contact(s, *link, centre, touch, elastic, columns.turn));
             }
@@ -286,17 +337,19 @@ fn add_joint(model: &Model, q: &Configuration, j: usize, s: &mut System) {
     let u = joint_offset(model, q, j);
     let joint = model.chain.joint(j);
     let force = joint.force(u.x, u.y, 0.0, 0.0);
-    s.energy += force.stored;
+    let has_force = s.of.pick(1.0, 0.0);
+    s.energy += has_force * force.stored;
     let f = Vec2::new(force.x, force.y);
-    let stiffness = joint.stiffness_n_per_m;
+    let stiffness = s.of.pick(joint.stiffness_n_per_m, joint.damping_n_s_per_m);
     // Stiffness in the direction of u and across it.
     let (along, across, direction) = if joint.clearance_m == 0.0 {
         (stiffness, stiffness, Vec2::new(1.0, 0.0))
     } else if f.norm() > 0.0 {
-        (stiffness, f.norm() / u.norm(), u.normalize())
+        (stiffness, has_force * f.norm() / u.norm(), u.normalize())
     } else {
         return;
     };
+    let f = f * has_force;
     let side = perp(direction);
     // Rows of du / d(x, y, heading) for both links, in the frame (direction, side).
     let (ta, tb) = (perp(ea) * la, perp(eb) * lb);
@@ -355,10 +408,11 @@ pub struct GuideTouch {
 fn add_guide(model: &Model, q: &Configuration, guide: &GuideModel, free: &[usize], s: &mut System) {
     let columns = FrameColumns::new(&guide.frame, free);
     for t in guide_touches(model, q, guide) {
+        let elastic = s.of.contact(t.elastic, &guide.body.law);
         let lever = if t.front { model.chain.lever[t.link] } else { -model.chain.lever[t.link] };
         let (_, heading) = q.links[t.link];
         let arm = unit(heading) * lever;
-        columns.add(s, t.link, |s| add_contact(s, t.link, arm, t.normal, t.elastic, t.bend_per_m, None));
+        columns.add(s, t.link, |s| add_contact(s, t.link, arm, t.normal, elastic, t.bend_per_m, None));
     }
 }
 
@@ -441,6 +495,7 @@ fn add_rail(model: &Model, q: &Configuration, rail: &RailModel, free: &[usize], 
         let radii = PairRadii { bush_m: touch.link_radius_m, body_m: law_radius_m(touch.body_radius_m) };
         let elastic = rail.body.law.elastic(touch.penetration_m, radii);
         if elastic.force_n > 0.0 {
+            let elastic = s.of.contact(elastic, &rail.body.law);
             let centre = q.links[link].0 - origin;
             columns.add(s, link, |s| add_end_contact(s, link, centre, &touch, elastic, columns.turn));
             if let (Some((blade, modes)), Some(on)) = (&of_blade, on_blade) {

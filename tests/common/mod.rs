@@ -27,13 +27,37 @@ pub fn bundled(name: &str, overrides: &[&str]) -> Drive {
 
 /// The same without its guides.
 pub fn drive_without_guides(overrides: &[&str]) -> Drive {
+    without_guides(BUNDLED[0].1, overrides)
+}
+
+/// The bundled bush chain in some writing of it, without its guides.
+#[allow(dead_code)]
+pub fn without_guides(text: &str, overrides: &[&str]) -> Drive {
     let overrides: Vec<String> = overrides.iter().map(|s| (*s).to_string()).collect();
-    let text = BUNDLED[0].1;
     let cut = text.find("# Straight guides").expect("the guides come last");
     match Drive::parse("bush-20-40", &text[..cut], &overrides) {
         Ok(drive) => drive,
         Err(report) => panic!("{report}"),
     }
+}
+
+/// A drive whose contacts have the law whose damping grows with the load, in place of the linear one: restitution `e` at `speed` [m/s].
+#[allow(dead_code)]
+pub fn with_load_dampers(text: &str, e: f64, speed: f64) -> String {
+    let mut is_contact = false;
+    let lines = text.lines().map(|line| {
+        if line.starts_with('[') {
+            is_contact = line.contains("contact.") && line.contains(".linear]");
+        }
+        match line.split_once(" = ") {
+            Some(("damping_n_s_per_m", _)) if is_contact => {
+                format!("restitution = {e}\nrestitution_at_m_s = {speed}\n")
+            }
+            _ if is_contact => format!("{}\n", line.replace(".linear]", ".hunt_crossley]")),
+            _ => format!("{line}\n"),
+        }
+    });
+    lines.collect()
 }
 
 pub const NO_FRICTION: [&str; 3] =

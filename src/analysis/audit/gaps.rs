@@ -10,7 +10,7 @@
 
 use super::least_squares::{NormalEquations, Solution};
 use super::links::JointPass;
-use super::{Estimate, Topology};
+use super::{ContactLawFit, ContactLawSums, Estimate, Topology};
 use crate::recording::frame::{Feature, Frame, Header, Segment};
 use crate::statistics::{median, middle};
 use std::collections::BTreeMap;
@@ -53,8 +53,8 @@ struct SprocketSums {
     /// The same without waves.
     circle: ArcSums,
     /// Contacts with teeth, and with the ring.
-    law: NormalEquations<2>,
-    ring_law: NormalEquations<2>,
+    law: ContactLawSums,
+    ring_law: ContactLawSums,
     /// Friction over normal force of contacts with teeth that slide.
     friction: NormalEquations<1>,
     /// Frames in which a bush or a flank pushes in a gap, by gap.
@@ -143,13 +143,11 @@ pub struct SprocketFit {
     pub wave: Option<PlaceWave>,
     /// Radius of the seats' arc, where normals spread enough to tell it [m].
     pub seat_radius_m: Option<Estimate>,
-    /// Stiffness and damping of the contact law, fitted to all contacts with teeth.
-    pub stiffness_n_per_m: Option<Estimate>,
-    pub damping_n_s_per_m: Option<Estimate>,
+    /// The contact law, fitted to all contacts with teeth.
+    pub law: ContactLawFit,
     /// Friction coefficient of contacts with teeth.
     pub friction: Option<Estimate>,
-    pub ring_stiffness_n_per_m: Option<Estimate>,
-    pub ring_damping_n_s_per_m: Option<Estimate>,
+    pub ring_law: ContactLawFit,
     pub ring_radius_m: Option<Estimate>,
     pub ring_eccentricity_m: Option<Estimate>,
     pub ring_towards_rad: f64,
@@ -190,7 +188,7 @@ impl GapPass {
                 // A force that would pull is clipped at zero, and does not follow the law.
                 if c.instant_force_n[row] > 0.0 {
                     let law = if is_ring { &mut sums.ring_law } else { &mut sums.law };
-                    law.add([c.penetration_m[row], c.normal_speed_m_s[row]], c.instant_force_n[row]);
+                    law.add(c.penetration_m[row], c.normal_speed_m_s[row], c.instant_force_n[row]);
                 }
                 if !is_ring && !c.stick[row] && c.normal_force_n[row] > 0.0 {
                     sums.friction.add([c.normal_force_n[row]], c.tangential_force_n[row].abs());
@@ -365,8 +363,6 @@ impl SprocketSums {
                 sinks_m: self.lowest_m[g] - lowest,
             }
         };
-        let (stiffness, damping) = super::law_of(&self.law);
-        let (ring_stiffness, ring_damping) = super::law_of(&self.ring_law);
         let friction = self.friction.solve(0.0).filter(|_| self.friction.samples >= SAMPLES);
         let ring = self.ring.solve(0.0);
         let circle = self.circle.solve(0.0).filter(|c| c.residual <= ROUND_M);
@@ -384,11 +380,9 @@ impl SprocketSums {
             wave: wave(shifts, sideways),
             seat_radius_m: seat,
             forms,
-            stiffness_n_per_m: stiffness,
-            damping_n_s_per_m: damping,
+            law: self.law.fit(),
             friction: friction.map(|f| Estimate::of(&f, 0, self.friction.samples)),
-            ring_stiffness_n_per_m: ring_stiffness,
-            ring_damping_n_s_per_m: ring_damping,
+            ring_law: self.ring_law.fit(),
             ring_radius_m: circle.map(|c| Estimate::of(&c, 0, self.circle.samples)),
             ring_eccentricity_m: ring.map(|r| Estimate {
                 value: libm::hypot(r.value[1], r.value[2]),

@@ -1,14 +1,14 @@
 //! Guides and rails: place of the face, contact law and friction, from where links touch and how hard.
 
-use super::Estimate;
 use super::least_squares::NormalEquations;
+use super::{ContactLawFit, ContactLawSums, Estimate};
 use crate::recording::frame::{BodyKind, Frame, Header, Segment};
 
 /// Sums over the contacts of one guide.
 #[derive(Clone, Debug)]
 struct GuideSums {
     body: usize,
-    law: NormalEquations<2>,
+    law: ContactLawSums,
     friction: NormalEquations<1>,
     /// Height of a straight face over the way along it, in the guide's frame.
     face: NormalEquations<2>,
@@ -26,8 +26,7 @@ struct GuideSums {
 pub struct GuideFit {
     /// Index into `Header::bodies`.
     pub body: usize,
-    pub stiffness_n_per_m: Option<Estimate>,
-    pub damping_n_s_per_m: Option<Estimate>,
+    pub law: ContactLawFit,
     pub friction: Option<Estimate>,
     /// Mean of the sum of all normal forces on it [N].
     pub force_n: Option<Estimate>,
@@ -49,7 +48,7 @@ impl GuidePass {
         let guides = guides.filter(|(_, b)| [BodyKind::Guide as u32, BodyKind::Rail as u32].contains(&b.kind));
         let empty = |body: usize| GuideSums {
             body,
-            law: NormalEquations::default(),
+            law: ContactLawSums::default(),
             friction: NormalEquations::default(),
             face: NormalEquations::default(),
             from_m: f64::INFINITY,
@@ -67,7 +66,7 @@ impl GuidePass {
         for sums in &mut self.guides {
             let (origin, angle) = header.bodies[sums.body].pose(frame);
             let (sin, cos) = crate::units::sin_cos(angle);
-            let before = sums.law.samples;
+            let before = sums.law.samples();
             sums.frames += 1;
             if let [shift] = header.bodies[sums.body].shifts.as_slice() {
                 let (row, s) = (shift.slider as usize, &frame.sliders);
@@ -83,7 +82,7 @@ impl GuidePass {
                 }
                 // A force that would pull is clipped at zero, and does not follow the law.
                 if c.instant_force_n[row] > 0.0 {
-                    sums.law.add([c.penetration_m[row], c.normal_speed_m_s[row]], c.instant_force_n[row]);
+                    sums.law.add(c.penetration_m[row], c.normal_speed_m_s[row], c.instant_force_n[row]);
                 }
                 if c.segment[row] == Segment::GuideFace as u32 {
                     let at = [c.point_body_x_m[row] - origin[0], c.point_body_y_m[row] - origin[1]];
@@ -92,7 +91,7 @@ impl GuidePass {
                     (sums.from_m, sums.to_m) = (sums.from_m.min(x), sums.to_m.max(x));
                 }
             }
-            sums.touched += usize::from(sums.law.samples > before);
+            sums.touched += usize::from(sums.law.samples() > before);
         }
     }
 
@@ -103,7 +102,6 @@ impl GuidePass {
 
 impl GuideSums {
     fn fit(&self, header: &Header) -> GuideFit {
-        let (stiffness, damping) = super::law_of(&self.law);
         let friction = self.friction.solve(0.0);
         let info = &header.bodies[self.body];
         // A guide that stands still has the frame of the header.
@@ -127,8 +125,7 @@ impl GuideSums {
         };
         GuideFit {
             body: self.body,
-            stiffness_n_per_m: stiffness,
-            damping_n_s_per_m: damping,
+            law: self.law.fit(),
             friction: friction.map(|f| Estimate::of(&f, 0, self.friction.samples)),
             force_n: Some(Estimate { value: self.force_n / frames as f64, error: 0.0, samples: frames }),
             mount_compliance_m_per_n: mount,

@@ -110,6 +110,9 @@ pub static CONTACT_STIFFNESS: Measure =
     property("contact_stiffness_n_per_m", "contact stiffness", ("stiffer", "softer"), ("N/um", 1e6), (0.0, 0.1));
 pub static CONTACT_DAMPING: Measure =
     property("contact_damping_n_s_per_m", "contact damping", ("more", "less"), ("N s/m", 1.0), (0.0, 0.2));
+/// Damping over the force of the spring.
+pub static CONTACT_LOAD_DAMPING: Measure =
+    property("contact_load_damping_s_per_m", "contact damping by load", ("more", "less"), ("s/m", 1.0), (0.0, 0.2));
 pub static RING_STIFFNESS: Measure = property(
     "ring_stiffness_n_per_m",
     "contact stiffness of its ring",
@@ -119,6 +122,13 @@ pub static RING_STIFFNESS: Measure = property(
 );
 pub static RING_DAMPING: Measure =
     property("ring_damping_n_s_per_m", "contact damping of its ring", ("more", "less"), ("N s/m", 1.0), (0.0, 0.2));
+pub static RING_LOAD_DAMPING: Measure = property(
+    "ring_load_damping_s_per_m",
+    "contact damping by load of its ring",
+    ("more", "less"),
+    ("s/m", 1.0),
+    (0.0, 0.2),
+);
 pub static MOUNT_COMPLIANCE: Measure = property(
     "mount_compliance_m_per_n",
     "compliance of its mount",
@@ -208,8 +218,9 @@ pub fn measured(audit: &Audit, header: &Header) -> Vec<Measured> {
     for guide in &audit.guides {
         let part = AuditPart::Body(guide.body);
         let mut put = |measure, estimate: Option<Estimate>| put_one(&mut all, part, measure, estimate, None);
-        put(&CONTACT_STIFFNESS, guide.stiffness_n_per_m);
-        put(&CONTACT_DAMPING, guide.damping_n_s_per_m);
+        put(&CONTACT_STIFFNESS, guide.law.stiffness_n_per_m);
+        put(&CONTACT_DAMPING, guide.law.damping_n_s_per_m);
+        put(&CONTACT_LOAD_DAMPING, guide.law.load_damping_s_per_m);
         put(&MOUNT_COMPLIANCE, guide.mount_compliance_m_per_n);
         put(&GUIDE_FRICTION, guide.friction);
         put(&GUIDE_FORCE, guide.force_n);
@@ -308,11 +319,13 @@ fn put_sprockets(audit: &Audit, header: &Header, all: &mut Vec<Measured>) {
         put(&PLACE_WAVE, fit.wave.map(|w| Estimate { value: w.amplitude_m, error: 0.0, samples }), Some(0.0));
         put(&RING_RADIUS, fit.ring_radius_m, None);
         put(&RING_ECCENTRICITY, fit.ring_eccentricity_m, Some(0.0));
-        put(&CONTACT_STIFFNESS, fit.stiffness_n_per_m, None);
-        put(&CONTACT_DAMPING, fit.damping_n_s_per_m, None);
+        put(&CONTACT_STIFFNESS, fit.law.stiffness_n_per_m, None);
+        put(&CONTACT_DAMPING, fit.law.damping_n_s_per_m, None);
+        put(&CONTACT_LOAD_DAMPING, fit.law.load_damping_s_per_m, None);
         put(&GUIDE_FRICTION, fit.friction, None);
-        put(&RING_STIFFNESS, fit.ring_stiffness_n_per_m, None);
-        put(&RING_DAMPING, fit.ring_damping_n_s_per_m, None);
+        put(&RING_STIFFNESS, fit.ring_law.stiffness_n_per_m, None);
+        put(&RING_DAMPING, fit.ring_law.damping_n_s_per_m, None);
+        put(&RING_LOAD_DAMPING, fit.ring_law.load_damping_s_per_m, None);
     }
 }
 

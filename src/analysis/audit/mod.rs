@@ -16,7 +16,7 @@ use crate::recording::frame::{Frame, Header};
 use crate::recording::reader::{Entry, Flow, Reader, WHOLE, Wanted};
 use gaps::{GapPass, SprocketFit};
 use guides::{GuideFit, GuidePass};
-use least_squares::Solution;
+use least_squares::{NormalEquations, Solution};
 use links::{JointFit, JointPass, LinkFit, LinkSums};
 use spans::{SpanFit, SpanPass};
 use std::ops::Range;
@@ -41,12 +41,58 @@ pub struct Estimate {
 const CONTACTS: usize = 20;
 const LAW_ERROR: f64 = 0.1;
 
-/// Stiffness and damping of a contact law; None where the contacts do not tell, or seem to give energy.
-fn law_of(sums: &least_squares::NormalEquations<2>) -> (Option<Estimate>, Option<Estimate>) {
-    let law = sums.solve(0.0).filter(|l| sums.samples >= CONTACTS && l.error[0] < LAW_ERROR * l.value[0]);
-    let law = law.filter(|l| l.value[1] > -2.0 * l.error[1]);
-    let of = |i: usize| law.map(|l| Estimate::of(&l, i, sums.samples));
-    (of(0), of(1))
+/// Sums over contacts for two laws: a constant damper beside the spring, k d + c d', and one that grows with the load, k d (1 + chi d').
+#[derive(Clone, Debug, Default)]
+pub struct ContactLawSums {
+    constant: NormalEquations<2>,
+    growing: NormalEquations<2>,
+}
+
+/// The law that fits the contacts better.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ContactLawFit {
+    /// k
+    pub stiffness_n_per_m: Option<Estimate>,
+    /// c; None where the damper grows.
+    pub damping_n_s_per_m: Option<Estimate>,
+    /// chi; None where the damper is constant.
+    pub load_damping_s_per_m: Option<Estimate>,
+}
+
+impl ContactLawSums {
+    pub fn add(&mut self, depth_m: f64, closing_m_s: f64, force_n: f64) {
+        self.constant.add([depth_m, closing_m_s], force_n);
+        self.growing.add([depth_m, depth_m * closing_m_s], force_n);
+    }
+
+    pub fn samples(&self) -> usize {
+        self.constant.samples
+    }
+
+    /// Nothing where the contacts do not tell, or seem to give energy.
+    pub fn fit(&self) -> ContactLawFit {
+        let of = |sums: &NormalEquations<2>| {
+            let law = sums.solve(0.0).filter(|l| sums.samples >= CONTACTS && l.error[0] < LAW_ERROR * l.value[0]);
+            law.filter(|l| l.value[1] > -2.0 * l.error[1])
+        };
+        let (constant, growing) = (of(&self.constant), of(&self.growing));
+        let grows = growing.is_some_and(|g| constant.is_none_or(|c| g.residual < c.residual));
+        let estimate = |law: Option<Solution<2>>, i: usize| law.map(|l| Estimate::of(&l, i, self.samples()));
+        if !grows {
+            let (stiffness_n_per_m, damping_n_s_per_m) = (estimate(constant, 0), estimate(constant, 1));
+            return ContactLawFit { stiffness_n_per_m, damping_n_s_per_m, load_damping_s_per_m: None };
+        }
+        let per_stiffness = growing.map(|l| {
+            let [k, both] = l.value;
+            let error = libm::hypot(l.error[1] / k, both * l.error[0] / (k * k));
+            Estimate { value: both / k, error, samples: self.samples() }
+        });
+        ContactLawFit {
+            stiffness_n_per_m: estimate(growing, 0),
+            damping_n_s_per_m: None,
+            load_damping_s_per_m: per_stiffness,
+        }
+    }
 }
 
 impl Estimate {

@@ -2,8 +2,10 @@
 //! chain runs on, curves, tables and events. It is written message by message, because the crate's builder (0.36)
 //! cannot set cameras and generates random ids.
 
+use super::rows::CONTACTS_PAGE;
+use super::scene::legend_entity;
 use anyhow::{Context, Result};
-use rerun::blueprint::components::{ContainerKind, LinkAxis, PanelState, PlayState};
+use rerun::blueprint::components::{ContainerKind, LinkAxis, LoopMode, PanelState, PlayState};
 use rerun::external::re_log_types::BlueprintActivationCommand;
 use rerun::external::re_sdk_types::blueprint::archetypes::{
     Background, ContainerBlueprint, DataframeQuery, EyeControls3D, LineGrid3D, PanelBlueprint, TimeAxis,
@@ -12,7 +14,7 @@ use rerun::external::re_sdk_types::blueprint::archetypes::{
 use rerun::external::re_sdk_types::blueprint::components::{BackgroundKind, Eye3DKind};
 use rerun::external::re_sdk_types::blueprint::datatypes::{ComponentColumnSelector, SelectedColumns};
 use rerun::external::re_sdk_types::components::{Plane3D, Position3D, Vector3D, Visible};
-use rerun::external::re_sdk_types::datatypes::{Utf8, Uuid};
+use rerun::external::re_sdk_types::datatypes::{AbsoluteTimeRange, Utf8, Uuid};
 use rerun::log::LogMsg;
 use rerun::{AsComponents, Color, RecordingStream, RecordingStreamBuilder};
 
@@ -29,18 +31,41 @@ pub struct ViewRect {
     pub centre: [f64; 2],
     pub width: f64,
     pub height: f64,
+    /// Whether there is room for labels.
+    pub is_near: bool,
 }
 
-/// Adds the layout to the recording and activates it. `play` is the initial state of playback; `sensors`: title and entity of the curves of the
-/// sensors of each unit.
-pub fn send(
-    stream: &RecordingStream,
-    recording: &str,
-    drive: &ViewRect,
-    close_ups: &[ViewRect],
-    play: PlayState,
-    sensors: &[(String, String)],
-) -> Result<()> {
+/// Pictures that share a tab: rows from top to bottom.
+#[derive(Clone, Debug)]
+pub struct PictureTab {
+    pub name: String,
+    pub rows: Vec<Vec<ViewRect>>,
+}
+
+/// What the viewer shows first.
+#[derive(Clone, Debug)]
+pub struct FirstView {
+    /// The first one is in front. Views are counted through all tabs, for their legends.
+    pub tabs: Vec<PictureTab>,
+    pub play: PlayState,
+    /// Time at which it stands [ns]; None: at the beginning.
+    pub stands_at_ns: Option<i64>,
+    /// Title and entity of the curves of the sensors of each unit.
+    pub sensors: Vec<(String, String)>,
+}
+
+impl FirstView {
+    /// Pictures in the order of their legends.
+    pub fn pictures(&self) -> impl Iterator<Item = &ViewRect> {
+        self.tabs.iter().flat_map(|tab| tab.rows.iter().flatten())
+    }
+}
+
+/// Width over height of all pictures of a tab together.
+const PICTURES_ASPECT: f64 = 1.1;
+
+/// Adds the layout to the recording and activates it.
+pub fn send(stream: &RecordingStream, recording: &str, first: &FirstView) -> Result<()> {
     let (layout, storage) = RecordingStreamBuilder::new(super::APPLICATION)
         .recording_id(format!("{recording}-layout"))
         .enabled(true)
@@ -49,7 +74,7 @@ pub fn send(
     layout.disable_timeline("log_time");
     layout.disable_timeline("log_tick");
     layout.set_time_sequence("blueprint", 0);
-    log_layout(&mut ViewerLayout { stream: layout, ids: 0 }, drive, close_ups, play, sensors)?;
+    log_layout(&mut ViewerLayout { stream: layout, ids: 0, pictures: 0 }, first)?;
     let messages = storage.take();
     let blueprint_id = messages.iter().find_map(|message| match message {
         LogMsg::SetStoreInfo(info) => Some(info.info.store_id.clone()),
@@ -60,25 +85,21 @@ pub fn send(
     Ok(())
 }
 
-fn log_layout(
-    layout: &mut ViewerLayout,
-    drive: &ViewRect,
-    close_ups: &[ViewRect],
-    play: PlayState,
-    sensors: &[(String, String)],
-) -> Result<()> {
-    // Panes are about twice as wide as high, or square without neighbours.
-    let whole = layout.camera(drive, if close_ups.is_empty() { 1.0 } else { 2.0 })?;
-    let mut near = Vec::new();
-    for look in close_ups {
-        near.push((layout.camera(look, 1.0)?, 1.0));
+fn log_layout(layout: &mut ViewerLayout, first: &FirstView) -> Result<()> {
+    let mut pictures = Vec::new();
+    for tab in &first.tabs {
+        let mut rows = Vec::new();
+        for row in &tab.rows {
+            let aspect = PICTURES_ASPECT * tab.rows.len() as f64 / row.len() as f64;
+            let mut cameras = Vec::new();
+            for look in row {
+                cameras.push((layout.camera(look, aspect)?, 1.0));
+            }
+            rows.push((layout.line(ContainerKind::Horizontal, &tab.name, cameras)?, 1.0));
+        }
+        pictures.push(layout.line(ContainerKind::Vertical, &tab.name, rows)?);
     }
-    let left = if near.is_empty() {
-        whole
-    } else {
-        let near = layout.container(ContainerKind::Horizontal, "close-ups", &near)?;
-        layout.container(ContainerKind::Vertical, "drive", &[(whole, 1.0), (near, 1.0)])?
-    };
+    let left = tabs(layout, "pictures", &pictures)?;
     let force = layout.curves("largest contact force", "/plots/largest_contact_force")?;
     let tension = layout.curves("tension of joints", "/plots/joint_tension")?;
     let speed = layout.curves("speed of sprockets", "/plots/speed")?;
@@ -88,23 +109,24 @@ fn log_layout(
     let error = layout.curves("energy error", "/plots/energy_error")?;
     let readme = layout.view("TextDocument", "read me", "/readme")?;
     let drive_file = layout.view("TextDocument", "drive file", "/drive_file")?;
-    let table = layout.view("Dataframe", "contacts", "/state/contacts")?;
+    let page = layout.view("TextDocument", "contacts now", &format!("/{CONTACTS_PAGE}"))?;
+    let table = layout.view("Dataframe", "contacts over time", "/state/contacts")?;
     layout.property(&table, "DataframeQuery", &contact_columns())?;
     let events = layout.view("TextLog", "events", "/events")?;
-    let first = tabs(layout, "forces", &[force, count])?;
+    let forces = tabs(layout, "forces", &[force, count])?;
     let mut second = vec![tension, speed, lost, energy, error];
-    for (place, (title, entity)) in sensors.iter().enumerate() {
+    for (place, (title, entity)) in first.sensors.iter().enumerate() {
         second.insert(place, layout.curves(title, entity)?);
     }
     let second = tabs(layout, "tensions", &second)?;
-    let third = tabs(layout, "tables", &[table, readme, drive_file])?;
+    let third = tabs(layout, "tables", &[page, table, readme, drive_file])?;
     let right = layout.container(
         ContainerKind::Vertical,
         "numbers",
-        &[(first, 1.0), (second, 1.0), (third, 1.0), (events, 0.7)],
+        &[(forces, 1.0), (second, 1.0), (third, 1.0), (events, 0.7)],
     )?;
     let root = layout.container(ContainerKind::Horizontal, "all", &[(left, 1.9), (right, 1.0)])?;
-    layout.panels(&root, play)
+    layout.panels(&root, first)
 }
 
 /// The columns of the table of contacts, the most important on the left.
@@ -148,6 +170,8 @@ struct ViewerLayout {
     stream: RecordingStream,
     /// Number of ids given.
     ids: u8,
+    /// Number of pictures, for their legends.
+    pictures: usize,
 }
 
 impl ViewerLayout {
@@ -179,7 +203,10 @@ impl ViewerLayout {
 
     /// A view from the front; `aspect` is the approximate ratio of width to height of its pane.
     fn camera(&mut self, look: &ViewRect, aspect: f64) -> Result<LayoutNode> {
-        let shown = ["+ /chain/**", "+ /bodies/**", "+ /joints/**", "+ /contacts/**"];
+        let legend = format!("+ /{}/**", legend_entity(self.pictures));
+        self.pictures += 1;
+        let labels = format!("{} /contacts/labels", if look.is_near { '+' } else { '-' });
+        let shown = ["+ /chain/**", "+ /bodies/**", "+ /joints/**", "+ /contacts/**", &labels, &legend];
         let view = self.view_of("3D", &look.name, "/", &shown)?;
         let half_height = 0.5 * look.height.max(look.width / aspect);
         let distance = half_height / libm::tan(HALF_FIELD_OF_VIEW_RAD);
@@ -208,6 +235,17 @@ impl ViewerLayout {
         Ok(view)
     }
 
+    /// Its only part, or a container of several.
+    fn line(&mut self, kind: ContainerKind, name: &str, mut parts: Vec<(LayoutNode, f32)>) -> Result<LayoutNode> {
+        match parts.pop() {
+            Some((only, _)) if parts.is_empty() => Ok(only),
+            last => {
+                parts.extend(last);
+                self.container(kind, name, &parts)
+            }
+        }
+    }
+
     /// A container; `parts` with their shares of its length.
     fn container(&mut self, kind: ContainerKind, name: &str, parts: &[(LayoutNode, f32)]) -> Result<LayoutNode> {
         let placed = self.place("container");
@@ -225,17 +263,23 @@ impl ViewerLayout {
         Ok(placed)
     }
 
-    fn panels(&self, root: &LayoutNode, play: PlayState) -> Result<()> {
+    fn panels(&self, root: &LayoutNode, first: &FirstView) -> Result<()> {
         let viewport = ViewportBlueprint::new()
             .with_root_container(Uuid { bytes: root.id })
             .with_auto_layout(false)
             .with_auto_views(false);
         self.stream.log("viewport", &viewport)?;
-        let time = TimePanelBlueprint::new()
+        let mut time = TimePanelBlueprint::new()
             .with_timeline("sim_time")
             .with_playback_speed(PLAYBACK_SPEED)
-            .with_play_state(play)
+            .with_play_state(first.play)
             .with_state(PanelState::Collapsed);
+        if let Some(at_ns) = first.stands_at_ns {
+            // A layout cannot set the time (0.36). A viewer that plays in a loop of no length comes to this time and stays there.
+            let only = AbsoluteTimeRange { min: at_ns.into(), max: at_ns.into() };
+            time =
+                time.with_play_state(PlayState::Playing).with_loop_mode(LoopMode::Selection).with_time_selection(only);
+        }
         self.stream.log("time_panel", &time)?;
         for panel in ["selection_panel", "blueprint_panel"] {
             self.stream.log(panel, &PanelBlueprint::new().with_state(PanelState::Collapsed))?;

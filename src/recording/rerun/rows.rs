@@ -1,13 +1,14 @@
 //! Distributes the data of a frame over numbers, curves and pictures.
 
 use super::scene::{
-    ForceScale, body_entity, outline_entity, position_mm, roller_entity, sensors_by_unit, sensors_entity,
+    ForceScale, body_entity, force_curves, outline_entity, position_mm, roller_entity, sensors_by_unit, sensors_entity,
 };
 use super::table::{ComponentValues, EntityTable};
 use crate::recording::columns::{ColumnKind, Rows};
+use crate::recording::contact_labels::{ContactLabel, contact_labels, contacts_page};
 use crate::recording::frame::{Frame, Header, Impact, Links};
 use crate::recording::view_geometry::{DrawnForce, drawn_forces};
-use rerun::{Arrows3D, InstancePoses3D, Points3D, Scalars, Transform3D};
+use rerun::{Arrows3D, InstancePoses3D, Points3D, Scalars, TextDocument, Transform3D};
 
 /// The numbers of frames: contacts and rotors of every frame, links and joints with every picture.
 pub struct Numbers {
@@ -94,7 +95,7 @@ pub struct Curves {
     error: EntityTable,
     /// Sensors of each unit.
     sensors: Vec<(Vec<usize>, EntityTable)>,
-    /// Curve of each body: a sprocket's own, or the common one of all guides.
+    /// Curve of each body: see [`force_curves`].
     curve_of_body: Vec<usize>,
     /// Largest contact force of each curve in this frame.
     largest_n: Vec<f64>,
@@ -103,8 +104,7 @@ pub struct Curves {
 impl Curves {
     pub fn new(header: &Header) -> Curves {
         let curves = curves_table;
-        let n_rotors = header.bodies.iter().filter(|body| body.rotor).count();
-        let curve_of_body = header.bodies.iter().enumerate().map(|(i, body)| if body.rotor { i } else { n_rotors });
+        let (names, curve_of_body) = force_curves(header);
         Curves {
             contact_force: curves("plots/largest_contact_force"),
             contacts: curves("plots/contacts"),
@@ -117,8 +117,8 @@ impl Curves {
                 .into_iter()
                 .map(|(unit, sensors)| (sensors, curves(&sensors_entity(&unit))))
                 .collect(),
-            curve_of_body: curve_of_body.collect(),
-            largest_n: vec![0.0; n_rotors + 1],
+            curve_of_body,
+            largest_n: vec![0.0; names.len()],
         }
     }
 
@@ -127,16 +127,14 @@ impl Curves {
         self.curve_of_body.get(impact.body as usize).copied()
     }
 
-    pub fn push(&mut self, frame: &Frame, header: &Header) {
-        let has_guides = self.largest_n.len() <= header.bodies.len();
+    pub fn push(&mut self, frame: &Frame) {
         self.largest_n.fill(0.0);
         for (body, force_n) in frame.contacts.body.iter().zip(&frame.contacts.normal_force_n) {
             if let Some(curve) = self.curve_of_body.get(*body as usize) {
                 self.largest_n[*curve] = self.largest_n[*curve].max(*force_n);
             }
         }
-        let n_curves = if has_guides { self.largest_n.len() } else { self.largest_n.len() - 1 };
-        push_curves(&mut self.contact_force, self.largest_n[..n_curves].iter().copied());
+        push_curves(&mut self.contact_force, self.largest_n.iter().copied());
         push_curves(&mut self.contacts, [frame.contacts.body.len() as f64]);
         let (mut high, mut low) = (0.0_f64, f64::INFINITY);
         for (x, y) in frame.joints.force_x_n.iter().zip(&frame.joints.force_y_n) {
@@ -189,6 +187,9 @@ pub fn push_curves(table: &mut EntityTable, values: impl IntoIterator<Item = f64
     table.end_row(n);
 }
 
+/// Where the page of contacts is.
+pub const CONTACTS_PAGE: &str = "tables/contacts";
+
 /// The moving parts of the drawing.
 pub struct Pictures {
     /// One for each outline of links.
@@ -201,6 +202,10 @@ pub struct Pictures {
     pins: EntityTable,
     contacts: EntityTable,
     forces: EntityTable,
+    friction: EntityTable,
+    labels: EntityTable,
+    /// All contacts as a page of text.
+    page: EntityTable,
 }
 
 impl Pictures {
@@ -231,7 +236,9 @@ impl Pictures {
                 (Points3D::descriptor_class_ids(), ComponentValues::U16(Vec::new())),
             ]
         };
-        let arrows = vec![(Arrows3D::descriptor_origins(), vec3()), (Arrows3D::descriptor_vectors(), vec3())];
+        let arrows = || vec![(Arrows3D::descriptor_origins(), vec3()), (Arrows3D::descriptor_vectors(), vec3())];
+        let text = || ComponentValues::Text(Vec::new());
+        let labels = vec![(Points3D::descriptor_positions(), vec3()), (Points3D::descriptor_labels(), text())];
         Pictures {
             chain: chain.collect(),
             links_of_outline: vec![0; header.link_outlines.len()],
@@ -239,7 +246,10 @@ impl Pictures {
             moving: moving.collect(),
             pins: EntityTable::new("joints/tension".into(), points()),
             contacts: EntityTable::new("contacts/points".into(), points()),
-            forces: EntityTable::new("contacts/forces".into(), arrows),
+            forces: EntityTable::new("contacts/forces".into(), arrows()),
+            friction: EntityTable::new("contacts/friction".into(), arrows()),
+            labels: EntityTable::new("contacts/labels".into(), labels),
+            page: EntityTable::new(CONTACTS_PAGE.into(), vec![(TextDocument::descriptor_text(), text())]),
         }
     }
 
@@ -248,6 +258,7 @@ impl Pictures {
         self.push_rollers(frame, header);
         self.push_bodies(frame, header);
         self.push_forces(frame, scale);
+        self.push_words(frame, header, scale);
     }
 
     fn push_chain(&mut self, frame: &Frame, header: &Header, scale: ForceScale) {
@@ -300,21 +311,37 @@ impl Pictures {
 
     fn push_forces(&mut self, frame: &Frame, scale: ForceScale) {
         let mut n = 0;
-        for DrawnForce { point_m, force_n: [fx, fy], normal_n } in drawn_forces(frame) {
+        for DrawnForce { point_m, force_n, normal_n, friction_n } in drawn_forces(frame) {
             let point = position_mm(point_m, scale.z_mm);
             self.contacts.f32(0).extend_from_slice(&point);
             self.contacts.u16(1).push(scale.class(normal_n));
-            self.forces.f32(0).extend_from_slice(&point);
-            self.forces.f32(1).extend_from_slice(&[scale.mm_per_n * fx as f32, scale.mm_per_n * fy as f32, 0.0]);
+            for (table, [fx, fy]) in [(&mut self.forces, force_n), (&mut self.friction, friction_n)] {
+                table.f32(0).extend_from_slice(&point);
+                table.f32(1).extend_from_slice(&[scale.mm_per_n * fx as f32, scale.mm_per_n * fy as f32, 0.0]);
+            }
             n += 1;
         }
-        self.contacts.end_row(n);
-        self.forces.end_row(n);
+        for table in [&mut self.contacts, &mut self.forces, &mut self.friction] {
+            table.end_row(n);
+        }
+    }
+
+    fn push_words(&mut self, frame: &Frame, header: &Header, scale: ForceScale) {
+        let labels = contact_labels(frame, header);
+        self.labels.end_row(labels.len());
+        for ContactLabel { point_m, text } in labels {
+            self.labels.f32(0).extend_from_slice(&position_mm(point_m, scale.z_mm));
+            self.labels.text(1).push(text);
+        }
+        self.page.text(0).push(contacts_page(frame, header));
+        self.page.end_row(1);
     }
 
     pub fn tables(&mut self) -> impl Iterator<Item = &mut EntityTable> {
-        let others = [&mut self.pins, &mut self.contacts, &mut self.forces];
-        let rollers = self.rollers.iter_mut().map(|(table, _)| table);
-        self.chain.iter_mut().chain(rollers).chain(&mut self.moving).chain(others)
+        let Pictures { chain, links_of_outline: _, rollers, moving, pins, contacts, forces, friction, labels, page } =
+            self;
+        let others = [pins, contacts, forces, friction, labels, page];
+        let rollers = rollers.iter_mut().map(|(table, _)| table);
+        chain.iter_mut().chain(rollers).chain(moving).chain(others)
     }
 }

@@ -2,12 +2,15 @@
 //! them. Drawn in millimetres, because the viewer's camera and near plane suit numbers of that size; x to the right, y
 //! up, seen from +z. Objects lie in thin layers along z, so that an oblique camera still shows them in place.
 
-use super::rows::{is_energy_or_work, is_lost};
+use super::blueprint::ViewRect;
+use super::rows::{CONTACTS_PAGE, is_energy_or_work, is_lost};
 use crate::recording::columns::ColumnKind;
+use crate::recording::contact_labels::{drive_of, drives_of, reference_force_n, short_name};
 use crate::recording::frame::{BodyInfo, Energy, Header, Outline};
+use crate::recording::palette::{CURVE_COLOURS, FORCE, FRICTION};
 use crate::recording::view_geometry::{circle, polyline};
 use anyhow::Result;
-use rerun::external::re_sdk_types::components::PointShading;
+use rerun::external::re_sdk_types::components::{MediaType, PointShading};
 use rerun::{
     AnnotationContext, Arrows3D, Color, EntityPath, LineStrips3D, Mesh3D, Points3D, RecordingStream, Rgba32,
     SeriesLines, SeriesPoints, TextDocument, Transform3D, ViewCoordinates,
@@ -24,11 +27,6 @@ const Z_POINTS: f64 = 0.04;
 /// Within a link's mesh: heights of the face and the discs [pitches].
 const Z_FACE: f64 = 0.002;
 const Z_DISC: f64 = 0.004;
-
-/// Curves in the order of their names: the palette of Okabe and Ito (2008), which the colour-blind tell apart, without its black, with the
-/// colours that are furthest apart first.
-const CURVE_COLOURS: [[u8; 3]; 7] =
-    [[86, 180, 233], [230, 159, 0], [0, 158, 115], [204, 121, 167], [240, 228, 66], [213, 94, 0], [0, 114, 178]];
 
 /// Where the peaks of impacts are, below the curves which they belong to; and the size of their marks [points].
 const IMPACT_PEAKS: &str = "plots/largest_contact_force/impact_peaks";
@@ -51,8 +49,7 @@ pub struct ForceScale {
 impl ForceScale {
     /// The mean static tension is drawn 1.5 pitches long and in the middle colour.
     pub fn new(header: &Header) -> ForceScale {
-        // assumed: a scale for a drive that was assembled without tension.
-        let middle_n = if header.static_tension_n > 0.0 { header.static_tension_n } else { 100.0 };
+        let middle_n = reference_force_n(header);
         let pitch = pitch_mm(header);
         ForceScale { mm_per_n: (1.5 * pitch / middle_n) as f32, middle_n, z_mm: (Z_POINTS * pitch) as f32 }
     }
@@ -95,15 +92,6 @@ pub fn roller_entity(kind: usize) -> EntityPath {
 /// Entity of a kind of link.
 pub fn outline_entity(outline: &Outline) -> EntityPath {
     ["chain", &outline.name].into_iter().map(rerun::external::re_log_types::EntityPathPart::new).collect()
-}
-
-/// Last part of a body's path; in merged recordings with the name of the drive.
-pub fn short_name(body: &BodyInfo) -> String {
-    let last = crate::diag::last_name(&body.path);
-    match body.path.split('.').next() {
-        Some("sprockets" | "guides" | "arms" | "sliders" | "housings" | "passages") | None => last.to_string(),
-        Some(drive) => format!("{drive} {last}"),
-    }
 }
 
 /// Logs all static data.
@@ -270,9 +258,80 @@ fn log_styles(stream: &RecordingStream, header: &Header, scale: ForceScale) -> R
     stream.log_static("contacts/points", &points(0.035 * pitch))?;
     stream.log_static("joints/tension", &classes(tension_colour))?;
     stream.log_static("joints/tension", &points(0.07 * pitch))?;
-    let arrows = Arrows3D::update_fields().with_radii([0.018 * pitch]).with_colors([Color::from_rgb(255, 64, 96)]);
+    let arrows = Arrows3D::update_fields().with_radii([0.018 * pitch]).with_colors([rgb(FORCE)]);
     stream.log_static("contacts/forces", &arrows)?;
+    let friction = Arrows3D::update_fields().with_radii([0.014 * pitch]).with_colors([rgb(FRICTION)]);
+    stream.log_static("contacts/friction", &friction)?;
+    let labels = Points3D::update_fields()
+        .with_radii([0.001 * pitch])
+        .with_colors([Color::from_rgb(255, 255, 255)])
+        .with_show_labels(true);
+    stream.log_static("contacts/labels", &labels)?;
+    let page = TextDocument::update_fields().with_media_type(MediaType::markdown());
+    stream.log_static(CONTACTS_PAGE, &page)?;
     Ok(())
+}
+
+/// A colour of three bytes.
+fn rgb([r, g, b]: [u8; 3]) -> Color {
+    Color::from_rgb(r, g, b)
+}
+
+/// Sizes of a legend, as shares of the height of its picture: distances of its rows, columns and edges, and radius of its dots.
+const LEGEND_ROW: f64 = 0.05;
+const LEGEND_COLUMN: f64 = 0.17;
+const LEGEND_EDGE: f64 = 0.1;
+const LEGEND_DOT: f64 = 0.008;
+/// Forces whose colours a legend shows, as multiples of the one in the middle of the scale.
+const LEGEND_FORCES: [f64; 4] = [0.0, 0.3, 1.0, 3.0];
+
+/// Entity of the legend of a view.
+pub fn legend_entity(view: usize) -> String {
+    format!("legend/{view}")
+}
+
+/// A legend in the lower left corner of a picture: an arrow of a round force, and the colours of pins and contacts.
+pub fn log_legend(stream: &RecordingStream, view: usize, look: &ViewRect, scale: ForceScale) -> Result<()> {
+    let at = |column: f64, row: f64| {
+        let x = look.centre[0] - 0.5 * look.width + (LEGEND_EDGE + LEGEND_COLUMN * column) * look.height;
+        let y = look.centre[1] - 0.5 * look.height + (LEGEND_EDGE + LEGEND_ROW * row) * look.height;
+        [x as f32, y as f32, scale.z_mm]
+    };
+    let entity = |part: &str| format!("{}/{part}", legend_entity(view));
+    let arrow_n = round_force_n(scale.middle_n);
+    let size = |share: f64| (share * look.height) as f32;
+    let arrow = Arrows3D::from_vectors([[scale.mm_per_n * arrow_n as f32, 0.0, 0.0]])
+        .with_origins([at(1.0, 2.0)])
+        .with_radii([size(0.4 * LEGEND_DOT)])
+        .with_colors([rgb(FORCE)])
+        .with_labels([format!("contact force {arrow_n:.0} N, friction blue")])
+        .with_show_labels(true);
+    stream.log_static(entity("scale"), &arrow)?;
+    for (row, part, words, colour) in [
+        (1.0, "tension", "pins: tension", tension_colour as fn(f64) -> [u8; 3]),
+        (0.0, "contacts", "contacts", contact_colour),
+    ] {
+        let forces = LEGEND_FORCES.map(|multiple| multiple * scale.middle_n);
+        let colours = forces.map(|n| {
+            let share = (f64::from(scale.class(n)) + 0.5) / f64::from(FORCE_CLASSES);
+            rgb(colour(share))
+        });
+        let labels = forces.map(|n| if n == 0.0 { format!("{words} 0 N") } else { format!("{n:.0} N") });
+        let points = Points3D::new((0..LEGEND_FORCES.len()).map(|column| at(column as f64, row)))
+            .with_radii([size(LEGEND_DOT)])
+            .with_colors(colours)
+            .with_labels(labels)
+            .with_show_labels(true)
+            .with_point_shading(PointShading::Flat);
+        stream.log_static(entity(part), &points)?;
+    }
+    Ok(())
+}
+
+/// The largest of 1, 2, 5, 10, ... that is not above a force [N].
+fn round_force_n(force_n: f64) -> f64 {
+    let decade = libm::pow(10.0, libm::floor(libm::log10(force_n)));
+    [5.0, 2.0, 1.0].into_iter().map(|step| step * decade).find(|round| *round <= force_n).unwrap_or(decade)
 }
 
 /// Yellow to red with increasing force.
@@ -310,16 +369,32 @@ pub fn sensors_entity(unit: &str) -> String {
     format!("plots/sensors/{word}")
 }
 
+/// Curves of contact forces by their names, and the curve of each body: one for each sprocket and one for all else. In a merged recording every
+/// drive has one.
+pub fn force_curves(header: &Header) -> (Vec<String>, Vec<usize>) {
+    let drives = drives_of(header);
+    if !drives.is_empty() {
+        let of_drive = |body: &BodyInfo| drives.iter().position(|d| drive_of(body) == Some(d)).unwrap_or(0);
+        return (drives.iter().map(|d| (*d).to_string()).collect(), header.bodies.iter().map(of_drive).collect());
+    }
+    let rotors = || header.bodies.iter().filter(|body| body.rotor);
+    let mut names: Vec<String> = rotors().map(short_name).collect();
+    let others = names.len();
+    if header.bodies.len() > others {
+        names.push("guides".to_string());
+    }
+    let curve = |(i, body): (usize, &BodyInfo)| if body.rotor { i } else { others };
+    (names, header.bodies.iter().enumerate().map(curve).collect())
+}
+
 /// Entities of the peaks of impacts: one for each curve of contact forces.
 pub fn peaks_entities(header: &Header) -> Vec<String> {
-    let curves = header.bodies.iter().filter(|body| body.rotor).count() + 1;
-    (0..curves).map(|curve| format!("{IMPACT_PEAKS}/{curve}")).collect()
+    (0..force_curves(header).0.len()).map(|curve| format!("{IMPACT_PEAKS}/{curve}")).collect()
 }
 
 /// Names of the curves, in the order in which the sink writes them.
 fn log_curve_names(stream: &RecordingStream, header: &Header) -> Result<()> {
-    let rotors = || header.bodies.iter().filter(|body| body.rotor).map(short_name);
-    let forces = rotors().chain(["guides".to_string()]).map(|name| format!("{name} [N]"));
+    let forces = force_curves(header).0.into_iter().map(|name| format!("{name} [N]"));
     let named = |names: Vec<String>| {
         let colours = CURVE_COLOURS.iter().cycle().map(|[r, g, b]| Color::from_rgb(*r, *g, *b));
         SeriesLines::new().with_colors(colours.take(names.len())).with_names(names)
@@ -360,6 +435,9 @@ fn readme(header: &Header, scale: ForceScale) -> String {
          | `joints/tension` | pins, coloured by tension: white slack, green, yellow, red tight |\n\
          | `contacts/points` | where links touch sprockets and guides, and plungers their arms; yellow to red with the force |\n\
          | `contacts/forces` | force on the link, or of an arm on its plunger, {:.3} mm per N: the static tension {:.1} N is 1.5 pitches long |\n\
+         | `contacts/friction` | its part by friction, in the same scale |\n\
+         | `contacts/labels` | link, gap or guide, and force, of contacts that are large or have just begun |\n\
+         | `tables/contacts` | the largest contacts, a row each, one page a picture |\n\
          | `state/contacts` | all numbers of all contacts, one row a frame |\n\
          | `state/rotors`, `state/sliders`, `state/touches` | angles, ways, speeds, forces and torques of what turns and slides, one row a frame |\n\
          | `state/links`, `state/joints` | poses, speeds, accelerations and forces, one row a picture |\n\

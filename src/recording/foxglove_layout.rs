@@ -1,0 +1,86 @@
+//! A layout for Foxglove that calls the bodies of a recording by their names. It is `assets/foxglove/pitchline.json`, which fits any recording, with
+//! the curves of this one, each body in one colour everywhere, and the camera on the whole drive.
+
+use super::contact_labels::short_name;
+use super::frame::{BodyInfo, Header};
+use super::palette::{CURVE_COLOURS, hex};
+use super::view_geometry::scene_bounds;
+use anyhow::{Context, Result};
+use serde_json::{Value, json};
+
+const TEMPLATE: &str = include_str!("../../assets/foxglove/pitchline.json");
+
+/// Room about the drive in the picture, as a share of its size.
+const ROOM: f64 = 1.3;
+/// Distance of the camera over the height that it sees: half over the tangent of half of 45 degrees.
+const DISTANCE_PER_HEIGHT: f64 = 1.2;
+/// Width over height of the picture.
+const ASPECT: f64 = 1.6;
+/// Size of the marks of impacts [pixels].
+const MARK: f64 = 2.0;
+
+/// The layout as JSON.
+pub fn layout(header: &Header) -> Result<String> {
+    let mut layout: Value = serde_json::from_str(TEMPLATE)?;
+    let curve = |value: String, label: String, place: usize| {
+        let color = hex(CURVE_COLOURS[place % CURVE_COLOURS.len()]);
+        json!({ "value": value, "label": label, "enabled": true, "timestampMethod": "receiveTime", "color": color })
+    };
+    let bodies: Vec<(usize, &BodyInfo)> = header.bodies.iter().enumerate().filter(|(_, b)| is_touched(b)).collect();
+    let of_bodies = |value: &dyn Fn(usize) -> String| {
+        let all = bodies.iter().enumerate();
+        all.map(|(place, (i, body))| curve(value(*i), short_name(body), place)).collect::<Vec<Value>>()
+    };
+    let contact = of_bodies(&|i| format!("/pitchline/signals.contact_force_max_n[{i}]"));
+    let mut impacts = of_bodies(&|i| format!("/pitchline/impact{{body=={i}}}.peak_force_n"));
+    for path in &mut impacts {
+        (path["showLine"], path["lineSize"]) = (json!(false), json!(MARK));
+    }
+    let speed: Vec<Value> = header
+        .coordinates
+        .iter()
+        .enumerate()
+        .map(|(i, path)| {
+            curve(format!("/pitchline/signals.rotor_speed_rpm[{i}]"), crate::diag::last_name(path).into(), i)
+        })
+        .collect();
+    for (panel, paths) in [("Plot!contact", contact), ("Plot!impacts", impacts), ("Plot!speed", speed)] {
+        *layout.pointer_mut(&format!("/configById/{panel}/paths")).context("the template has this panel")? =
+            json!(paths);
+    }
+    let (low, high) = scene_bounds(header);
+    if low[0] <= high[0] {
+        let camera = layout.pointer_mut("/configById/3D!drive/cameraState").context("the template has a camera")?;
+        let size = [0, 1].map(|k| high[k] - low[k]);
+        camera["distance"] = json!(ROOM * DISTANCE_PER_HEIGHT * size[1].max(size[0] / ASPECT));
+        camera["targetOffset"] = json!([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), 0.0]);
+    }
+    Ok(format!("{layout:#}\n"))
+}
+
+/// Whether chains touch a body.
+fn is_touched(body: &BodyInfo) -> bool {
+    body.teeth > 0 || body.path.contains("guides.")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn curves_have_the_names_of_their_bodies() {
+        let body = |path: &str, teeth| BodyInfo { path: path.into(), teeth, ..BodyInfo::default() };
+        let header = Header {
+            bodies: vec![body("sprockets.driver", 20), body("guides.fixed.tight", 0), body("housings.bore", 0)],
+            coordinates: vec!["sprockets.driver".into()],
+            ..Header::default()
+        };
+        let layout: Value = serde_json::from_str(&layout(&header).unwrap()).unwrap();
+        let paths = |panel: &str| layout["configById"][panel]["paths"].as_array().unwrap().clone();
+        let labels: Vec<Value> = paths("Plot!contact").iter().map(|p| p["label"].clone()).collect();
+        assert_eq!(labels, ["driver", "tight"]);
+        assert_eq!(paths("Plot!impacts")[1]["value"], "/pitchline/impact{body==1}.peak_force_n");
+        assert_eq!(paths("Plot!contact")[1]["color"], paths("Plot!impacts")[1]["color"]);
+        assert_eq!(paths("Plot!speed")[0]["value"], "/pitchline/signals.rotor_speed_rpm[0]");
+    }
+}
