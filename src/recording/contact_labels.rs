@@ -20,7 +20,7 @@ const YOUNG: f64 = 0.1;
 const MOST_LABELS: usize = 16;
 const ROOM: [f64; 2] = [1.3, 0.25];
 /// Rows of the page of contacts.
-const MOST_ROWS: usize = 24;
+const MOST_ROWS: usize = 12;
 /// assumed: a force to compare with, for a drive that was assembled without tension [N]
 const WITHOUT_TENSION_N: f64 = 100.0;
 
@@ -179,6 +179,6 @@ mod tests {
             ]
         );
         let many: Vec<(f64, f64, f64)> = (0..30).map(|i| (f64::from(i), 0.0, 0.0)).collect();
-        assert!(contacts_page(&frame(&many), &header()).contains("6 smaller ones are in `state/contacts`"));
+        assert!(contacts_page(&frame(&many), &header()).contains("18 smaller ones are in `state/contacts`"));
     }
 }
