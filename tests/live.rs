@@ -257,7 +257,8 @@ fn foxglove_gets_the_topics_of_the_archive() {
     // A late client gets the outlines first, then forces.
     let scenes: Vec<SceneUpdate> =
         messages["/scene"].iter().map(|m| SceneUpdate::decode(m.as_slice()).expect("a scene")).collect();
-    assert_eq!(scenes[0].entities.len(), header.links.len() + header.bodies.len());
+    // Beside them an arrow with the scale of forces.
+    assert_eq!(scenes[0].entities.len(), header.links.len() + header.bodies.len() + 1);
     assert!(scenes.iter().any(|s| s.entities.len() == 1 && !s.entities[0].arrows.is_empty()));
     let transforms = FrameTransforms::decode(messages["/tf"][0].as_slice()).expect("transforms");
     assert_eq!(transforms.transforms.len(), header.links.len() + header.bodies.len());

@@ -119,7 +119,7 @@ fn contours_go_through_the_map_to_the_page_with_y_up() {
     assert!((map[0] - drawing.units_per_mm).abs() < 1e-9 && map[3] == -map[0] && map[1] == 0.0 && map[2] == 0.0);
     // The drawn contact points are on the page where their contours are.
     let contacts = &recording.frames[3].contacts;
-    let dots: Vec<&str> = drawing.svg.lines().filter(|l| l.starts_with("<circle") && l.contains("#c8102e")).collect();
+    let dots: Vec<&str> = drawing.svg.lines().filter(|l| l.starts_with("<circle") && l.contains("#dc263c")).collect();
     assert_eq!(dots.len(), contacts.link.len());
     for (i, dot) in dots.iter().enumerate() {
         let [x, y] = ["cx", "cy"].map(|name| numbers(attributes(dot, "circle", name)[0])[0]);
