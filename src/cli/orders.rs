@@ -1,5 +1,6 @@
 //! `pitchline orders`: orders of a number while the speed changes.
 
+use super::spectrum::{SHOWN, bracketed, digits};
 use super::{Answer, Failure, Outcome, answer};
 use crate::analysis::order_spectrum::{AngleRecord, SpectrumError, read};
 use crate::analysis::order_tracks::{OrderTracks, tracks};
@@ -36,9 +37,6 @@ pub struct OrdersArgs {
     #[arg(long)]
     csv: bool,
 }
-
-/// Share of the highest order that frames resolve up to which orders are shown.
-const SHOWN: f64 = 0.9;
 
 pub fn run(args: &OrdersArgs) -> Result<Outcome, Failure> {
     if args.window <= 0.0 {
@@ -105,10 +103,6 @@ pub fn run(args: &OrdersArgs) -> Result<Outcome, Failure> {
     answer(&[&reader], found, Outcome::Done)
 }
 
-fn bracketed(unit: &str) -> String {
-    if unit.is_empty() { String::new() } else { format!("[{unit}]") }
-}
-
 fn csv(found: &OrderTracks) -> String {
     let mut text = String::from("time_s,speed_rpm,mean");
     for track in &found.tracks {
@@ -158,9 +152,4 @@ fn text(args: &OrdersArgs, name: &str, signal: &Signal, record: &AngleRecord, fo
         let _infallible = writeln!(text, "drawn in {}", path.display());
     }
     text
-}
-
-/// Four digits at least.
-fn digits(value: f64) -> String {
-    if value.abs() >= 0.01 || value == 0.0 { format!("{value:.5}") } else { format!("{value:.3e}") }
 }

@@ -38,7 +38,7 @@ pub struct SpectrumArgs {
 }
 
 /// Share of the highest order that frames resolve up to which a spectrum is shown: above, interpolation and aliases count.
-const SHOWN: f64 = 0.9;
+pub(super) const SHOWN: f64 = 0.9;
 /// Ratio of amplitudes from which an order differs from the other recording. assumed: half as much again is seen in the picture.
 const DIFFERING_RATIO: f64 = 1.5;
 /// Share of the largest amplitude that a differing order has at least. assumed: less is not seen in the picture.
@@ -137,7 +137,7 @@ fn draw(
     Ok(crate::output::write(path, &bytes)?)
 }
 
-fn bracketed(unit: &str) -> String {
+pub(super) fn bracketed(unit: &str) -> String {
     if unit.is_empty() { String::new() } else { format!("[{unit}]") }
 }
 
@@ -170,7 +170,7 @@ fn differing(own: &SpectrumSheet, theirs: &SpectrumSheet, highest: f64) -> Vec<(
 }
 
 /// Four digits at least: SI units make some quantities small.
-fn digits(value: f64) -> String {
+pub(super) fn digits(value: f64) -> String {
     if value.abs() >= 0.01 || value == 0.0 { format!("{value:.5}") } else { format!("{value:.3e}") }
 }
 

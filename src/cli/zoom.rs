@@ -44,16 +44,7 @@ pub fn run(args: &ZoomArgs) -> Result<Outcome, Failure> {
     let Some((begin, end)) = replay.reader.ends()? else {
         return Err(Failure::Input(format!("{} holds no frames", args.recording.display())));
     };
-    let (from_s, to_s, opens_at) = match args.impact {
-        None => (args.from.unwrap_or(0.0), args.to.unwrap_or(end.t_s), None),
-        Some(number) => {
-            let impact = super::impacts::numbered(&mut replay.reader, number)?;
-            let (t_s, point_m) = (impact.t_s, [impact.x_m, impact.y_m]);
-            let peak = OpensAt { t_s: t_s + impact.peak_after_s, point_m };
-            let to_s = (t_s + args.around).max(peak.t_s + BEHIND_PEAK * args.around);
-            ((t_s - args.around).max(begin.t_s), to_s.min(end.t_s), Some(peak))
-        }
-    };
+    let (from_s, to_s, opens_at) = window(args, &mut replay, (begin.t_s, end.t_s))?;
     let (from, to) = (replay.step_at(from_s), replay.step_at(to_s));
     if from < begin.step || to > end.step || from >= to {
         return Err(Failure::Input(format!(
@@ -121,6 +112,15 @@ pub fn run(args: &ZoomArgs) -> Result<Outcome, Failure> {
     };
     let interrupted = summary.ending == Ending::Interrupted;
     answer(&[&replay.reader], found, if interrupted { Outcome::Interrupted } else { Outcome::Done })
+}
+
+/// Begin and end of what is recorded again [s], and where a viewer opens; `all`: begin and end of the recording.
+fn window(args: &ZoomArgs, replay: &mut Replay, all: (f64, f64)) -> Result<(f64, f64, Option<OpensAt>), Failure> {
+    let Some(number) = args.impact else { return Ok((args.from.unwrap_or(0.0), args.to.unwrap_or(all.1), None)) };
+    let impact = super::impacts::numbered(&mut replay.reader, number)?;
+    let peak = OpensAt { t_s: impact.t_s + impact.peak_after_s, point_m: [impact.x_m, impact.y_m] };
+    let to_s = (impact.t_s + args.around).max(peak.t_s + BEHIND_PEAK * args.around);
+    Ok(((impact.t_s - args.around).max(all.0), to_s.min(all.1), Some(peak)))
 }
 
 /// A number of steps, or a time rounded to whole steps.

@@ -12,7 +12,7 @@ const MARGIN: (f64, f64) = (56.0, 34.0);
 /// Displayed part of a pass [T].
 const SHOWN: (f64, f64) = (-1.5, 11.5);
 
-/// Of a kind of contact.
+/// Colour of the curves of a kind of contact.
 fn colour(kind: ContactKind) -> String {
     let [sky, orange, green, purple, _, vermilion, blue] = CURVE_COLOURS;
     hex(match kind {
@@ -25,7 +25,7 @@ fn colour(kind: ContactKind) -> String {
     })
 }
 
-/// Of a drive, by its place.
+/// Colour of the curves of a drive, by its place among those compared: the same as in the viewers.
 fn drive_colour(place: usize) -> String {
     hex(CURVE_COLOURS[place % CURVE_COLOURS.len()])
 }
