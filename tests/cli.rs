@@ -170,8 +170,8 @@ fn compare_judges_and_records_the_three_chains() {
         println!("{key}: {:.6} {:.6} {:.6}", of(0, key), of(1, key), of(2, key));
         assert!((0..3).all(|chain| of(chain, key) > 0.0), "{key}");
     }
-    // Of bushes that strike, the law's damper gives half of the peak at the touch itself.
-    assert!(out["drives"][0]["rise_time_p50_s"].is_null() && of(2, "rise_time_p50_s") > 0.0);
+    // Bushes that strike are loaded at once, abutments over half a tooth period.
+    assert!(of(0, "rise_time_p50_s") < 2e-5 && of(2, "rise_time_p50_s") > 2e-4);
     assert!(of(0, "peak_to_steady") > 2.5 && of(2, "peak_to_steady") < 1.5 * of(1, "peak_to_steady"));
     assert!(out["drives"][0]["verdict"].as_str().is_some_and(|v| v.starts_with("strikes")));
     assert!(out["drives"][2]["verdict"].as_str().is_some_and(|v| v.starts_with("engages without impact")));

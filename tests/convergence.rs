@@ -3,7 +3,7 @@
 mod common;
 
 use common::{
-    EngagementWatch, assembled, bundled, drive_without_guides, for_step, watch, with_load_dampers, without_guides,
+    EngagementWatch, assembled, bundled, drive_without_guides, for_step, watch, with_linear_laws, without_guides,
 };
 use pitchline::drive::{BUNDLED, Drive};
 use pitchline::model::Model;
@@ -77,18 +77,17 @@ fn engagement_peaks_at_the_default_step_stay_within_one_percent_of_a_fine_step()
 }
 
 #[test]
-fn so_they_do_with_contact_damping_of_600_n_s_per_m() {
-    let value = "contact.sprocket.linear.damping_n_s_per_m=600";
-    stay_within_one_percent("contact damping 600 N s/m", 0, &|speed| drive_without_guides(&[value, speed[0]]));
+fn so_they_do_with_constant_contact_damping_of_200_and_600_n_s_per_m() {
+    for damping in [200.0, 600.0] {
+        let text = with_linear_laws(BUNDLED[0].1, damping);
+        stay_within_one_percent(&format!("contact damping {damping} N s/m"), 0, &|speed| without_guides(&text, speed));
+    }
 }
 
-/// Contacts whose damping grows with the load.
 #[test]
-fn so_they_do_with_restitutions_of_60_and_30_percent() {
-    for e in [0.6, 0.3] {
-        let text = with_load_dampers(BUNDLED[0].1, e, 2.5);
-        stay_within_one_percent(&format!("restitution {e}"), 0, &|speed| without_guides(&text, speed));
-    }
+fn so_they_do_with_a_restitution_of_30_percent() {
+    let value = "contact.sprocket.hunt_crossley.restitution=0.3";
+    stay_within_one_percent("restitution 0.3", 0, &|speed| drive_without_guides(&[value, speed[0]]));
 }
 
 #[test]
@@ -175,11 +174,9 @@ fn mean_square_on_the_guide(a: &pitchline::assemble::Assembly, step_s: f64) -> f
 /// The same where contacts damp by their load, at several loads.
 #[test]
 fn abutments_that_damp_by_their_load_do_not_chatter_either() {
-    let text = with_load_dampers(BUNDLED[2].1, 0.6, 2.5);
     for torque in [6.0, 20.0, 28.0] {
-        let sets =
-            [format!("loads.constant.driven.torque_nm={torque}"), "speeds.constant.driver.speed_rpm=1300".into()];
-        let a = assembled(&Drive::parse("smartchain-20-40", &text, &sets).unwrap_or_else(|e| panic!("{e}")));
+        let sets = [&format!("loads.constant.driven.torque_nm={torque}"), "speeds.constant.driver.speed_rpm=1300"];
+        let a = assembled(&bundled("smartchain-20-40", &sets));
         let [fine, largest] = [0.4, 1.0].map(|f| mean_square_on_the_guide(&a, f * a.report.step_bound_s));
         let percent = 100.0 * (largest / fine - 1.0);
         println!("{torque} N m, bound {:.2} us: {percent:+.3} %", 1e6 * a.report.step_bound_s);
@@ -193,23 +190,18 @@ fn abutments_that_damp_by_their_load_do_not_chatter_either() {
 fn abutments_do_not_chatter_at_the_largest_step() {
     let mut chattering_beyond = 0;
     for [teeth, ring, guide, joint, damping, joint_damping, inertia, torque] in ABUTMENTS {
-        let drive = bundled(
-            "smartchain-20-40",
-            &[
-                &format!("contact.sprocket.linear.stiffness_n_per_m={teeth}"),
-                &format!("contact.ring.linear.stiffness_n_per_m={ring}"),
-                &format!("contact.guide.linear.stiffness_n_per_m={guide}"),
-                &format!("contact.sprocket.linear.damping_n_s_per_m={damping}"),
-                &format!("contact.ring.linear.damping_n_s_per_m={damping}"),
-                &format!("contact.guide.linear.damping_n_s_per_m={damping}"),
-                &format!("chain.joint.stiffness_n_per_m={joint}"),
-                &format!("chain.joint.damping_n_s_per_m={joint_damping}"),
-                &format!("chain.smartchain.inertia_g_mm2={inertia}"),
-                &format!("loads.constant.driven.torque_nm={torque}"),
-                "speeds.constant.driver.speed_rpm=1300",
-            ],
-        );
-        let a = assembled(&drive);
+        let sets = [
+            format!("contact.sprocket.linear.stiffness_n_per_m={teeth}"),
+            format!("contact.ring.linear.stiffness_n_per_m={ring}"),
+            format!("contact.guide.linear.stiffness_n_per_m={guide}"),
+            format!("chain.joint.stiffness_n_per_m={joint}"),
+            format!("chain.joint.damping_n_s_per_m={joint_damping}"),
+            format!("chain.smartchain.inertia_g_mm2={inertia}"),
+            format!("loads.constant.driven.torque_nm={torque}"),
+            "speeds.constant.driver.speed_rpm=1300".to_string(),
+        ];
+        let text = with_linear_laws(BUNDLED[2].1, damping);
+        let a = assembled(&Drive::parse("smartchain-20-40", &text, &sets).unwrap_or_else(|e| panic!("{e}")));
         let bound = a.report.step_bound_s;
         let [fine, largest, beyond] = [0.4, 1.0, 1.5].map(|f| mean_square_on_the_guide(&a, f * bound));
         let percent = |v: f64| 100.0 * (v / fine - 1.0);

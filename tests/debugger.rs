@@ -359,11 +359,11 @@ fn hits_of_other_drives_are_those_of_a_scan_too() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.mcap");
     let (name, text) = BUNDLED[0];
-    let linear = text.find("[contact.sprocket.linear]").expect("there");
-    let after = linear + text[linear..].find("[contact.guide]").expect("there");
+    let law = text.find("[contact.sprocket.hunt_crossley]").expect("there");
+    let after = law + text[law..].find("[contact.guide]").expect("there");
     let hertz = "[contact.sprocket.hertz_line]\nbody_youngs_modulus_gpa = 206\nchain_youngs_modulus_gpa = 206\nlength_mm = 5\n\
                  damping_n_s_per_m = 200\n\n";
-    let hertz = format!("{}{hertz}{}", &text[..linear], &text[after..]);
+    let hertz = format!("{}{hertz}{}", &text[..law], &text[after..]);
     let odd =
         ["effects.pitch_error.long.link=7", "effects.pitch_error.long.length_um=20", "chain.joint.clearance_um=2"];
     let guides =
@@ -539,7 +539,7 @@ fn approach_speeds_of_rollers_are_explained_by_their_parts() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.mcap");
     let roller = BUNDLED.iter().position(|(name, _)| *name == "roller-20-40").expect("bundled");
-    record(roller, &["chain.bush.links=88", "sprockets.driven.x_mm=230.6"], &path, 46_000, 50);
+    record(roller, &["chain.bush.links=88", "sprockets.driven.x_mm=230.6"], &path, 51_000, 50);
     let mut replay = Replay::open(&path).expect("opens");
     let impacts = mcap::read(&path).expect("readable").impacts;
     let (mut seen, mut links) = (0, std::collections::BTreeSet::new());

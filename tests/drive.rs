@@ -367,7 +367,7 @@ fn positions_without_contact_converge_with_the_second_order() {
 /// the same contacts.
 #[test]
 fn frames_hold_every_contact_that_a_look_at_everything_finds() {
-    let (teeth, guides) = contacts_hold(common::drive(&[]), 9000);
+    let (teeth, guides) = contacts_hold(common::drive(&[]), 12_000);
     assert!(teeth > 20_000 && guides > 40, "{teeth} {guides}");
     let displaced = [
         "effects.tooth_pitch_error.driven.amplitude_um=40",

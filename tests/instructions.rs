@@ -7,8 +7,8 @@ mod readers;
 use std::process::Command;
 
 /// Instructions per link and step of the bundled drive, AVX2 path (valgrind does not support AVX-512), including
-/// everything that grows with the number of steps. If a change moves it, measure again, and explain it in the commit.
-const INSTRUCTIONS_PER_LINK_STEP: f64 = 287.2;
+/// everything that grows with the number of steps; 287.2 with contacts whose damper is constant. If a change moves it, measure again, and explain it in the commit.
+const INSTRUCTIONS_PER_LINK_STEP: f64 = 301.8;
 /// Two measurements agree to 1e-4, for abutments to 1 %, since their assembly costs most and varies; the C library's
 /// copies differ between systems.
 const TOLERANCE: f64 = 0.05;

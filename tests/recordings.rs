@@ -374,7 +374,7 @@ fn forces_of_a_frame_add_up_to_the_accelerations() {
     let hertz = "[contact.sprocket.hertz_line]\nbody_youngs_modulus_gpa = 206\nchain_youngs_modulus_gpa = 206\nlength_mm = 5\n\
                  damping_n_s_per_m = 200\n\n";
     let [bush, silent, smart, arm, reduction, tensioner, engines @ ..] = BUNDLED.map(|(_, text)| text.to_string());
-    let (head, rest) = bush.split_once("[contact.sprocket.linear]").expect("there");
+    let (head, rest) = bush.split_once("[contact.sprocket.hunt_crossley]").expect("there");
     let with_hertz = format!("{head}{hertz}{}", &rest[rest.find("[contact.guide]").expect("there")..]);
     let sensors = "\n[sensors.torque.driver]\n[sensors.tachometer.driven]\n";
     let odd = [

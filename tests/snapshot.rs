@@ -420,7 +420,7 @@ fn mistakes_are_refused_with_the_way_out() {
     refused(&[&at("1ms")[..], &["--around", "xyzzy"]].concat(), "sprockets.driver, sprockets.driven");
     refused(&[&at("1ms")[..], &["--around", "link:90"]].concat(), "the links are 0 to 89");
     refused(&[&at("1ms")[..], &["--width-mm", "0"]].concat(), "millimetres");
-    refused(&at("5ms"), "from 0.0000 to 3.9997 ms");
+    refused(&at("5ms"), "from 0.0000 to 4.0000 ms");
     refused(&at("1ms..5ms/3"), "5.0000 ms was not recorded");
     refused(&at("frame:43"), "0 to 41");
     refused(&at("12"), "with its unit");

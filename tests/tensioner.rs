@@ -150,7 +150,7 @@ fn tensioners_that_make_no_sense_are_refused_where_they_stand() {
         ("volume_mm3 = 2000 ", "volume_mm3 = 200 ", "leaves no room in chamber `high`"),
         ("gap_um = 30 ", "gap_um = 1200 ", "too wide"),
         ("[reservoirs.sump]", "[reservoirs.high]", "a chamber and a reservoir are called `high`"),
-        ("[contact.tip.linear]", "[contact.tip.soft]", "contact laws"),
+        ("[contact.tip.hunt_crossley]", "[contact.tip.soft]", "contact laws"),
     ] {
         assert!(text.contains(from), "{from}");
         let report = match Drive::parse("tensioner.toml", &text.replacen(from, to, 1), &[]) {

@@ -7,6 +7,9 @@
 //!
 //! A sprocket turns at its speed over that of the driver; a tooth passes at teeth times that; a link comes round the chain once a lap, links
 //! times as rarely as teeth. An order is named by the multiples of these that lie within a third of the resolution, one order per turns recorded.
+//! A peak that stands high over what is around it has a place that is known better than that, and is named by what lies as near as it is known:
+//! so a drive that swings at a frequency of its own close to a multiple is not taken for it. Nor is one of the many peaks of a swing that irregular
+//! impacts keep up.
 
 use super::signal::Signal;
 use crate::diag::last_name;
@@ -29,6 +32,18 @@ const EVEN: f64 = 1e-3;
 /// Side lobes of a Hann window: within so many resolutions of a peak they count, and reach this share of it. Harris 1978: -31.5 dB, 0.027; with the
 /// scatter of two peaks that overlap, half as much again.
 const LOBES: (f64, f64) = (4.5, 0.04);
+/// Share of the resolution within which an order is named by what comes back.
+const NAMING: f64 = 0.35;
+/// Least such share: speeds of parts are means over the recording.
+const NAMING_LEAST: f64 = 0.03;
+/// Shift of a peak in resolutions for what reaches its place, as a share of it: the Hann window falls by 0.6 x^2 about its middle, and what reaches
+/// there changes by at most its own size and a half over a resolution.
+const PULL: f64 = 2.0;
+/// What irregular impacts excite is no line: a swing of the drive then has peaks all over its resonance. A peak that stands less than this over its
+/// surroundings, and has a peak without a name within so many resolutions, of this share of its size or more, is taken for one of them.
+const LINE_PROMINENCE: f64 = 12.0;
+const SWING_REACH: f64 = 6.0;
+const SWING_SHARE: f64 = 0.5;
 /// Largest multiple by which orders are named.
 const MULTIPLES: f64 = 12.0;
 /// Multiples up to here are small ones, which name an order before others do. assumed: sixth orders are the highest that are spoken of.
@@ -339,10 +354,34 @@ impl AngleSpectrum {
                 frequency_hz: order * self.turns_per_s,
                 amplitude,
                 prominence: amplitude / self.around(k).max(1e-300),
-                names: self.names(order, bases),
+                names: Vec::new(),
             });
         }
+        let reaches: Vec<f64> = (0..peaks.len()).map(|i| self.reach(&peaks, i)).collect();
+        for (peak, reach) in peaks.iter_mut().zip(reaches) {
+            peak.names = self.names(peak.order, reach, bases);
+        }
+        let without: Vec<(f64, f64)> =
+            peaks.iter().filter(|p| p.names.is_empty()).map(|p| (p.order, p.amplitude)).collect();
+        for peak in peaks.iter_mut().filter(|p| p.prominence < LINE_PROMINENCE) {
+            let near = |order: f64| (order - peak.order).abs() < SWING_REACH * self.resolution();
+            if without.iter().any(|(order, amplitude)| near(*order) && *amplitude >= SWING_SHARE * peak.amplitude) {
+                peak.names.clear();
+            }
+        }
         peaks
+    }
+
+    /// How far off a peak may be, in resolutions: what is around it and what other peaks leave at its place pull it.
+    fn reach(&self, peaks: &[SpectrumPeak], i: usize) -> f64 {
+        let own = &peaks[i];
+        let lobe = |other: &SpectrumPeak| {
+            let x = (other.order - own.order).abs() / self.resolution();
+            // Envelope of the Hann window's transform.
+            other.amplitude / own.amplitude * (1.0 / (PI * x * (x * x - 1.0).max(1e-3))).min(1.0)
+        };
+        let left: f64 = peaks.iter().enumerate().filter(|(k, _)| *k != i).map(|(_, other)| lobe(other)).sum();
+        (NAMING_LEAST + PULL * (1.0 / own.prominence + left)).min(NAMING)
     }
 
     /// Median of the amplitudes around a value, without its own peak.
@@ -355,14 +394,14 @@ impl AngleSpectrum {
 
     /// What comes back at this order of a record.
     pub fn names_of(&self, order: f64, record: &AngleRecord) -> Vec<String> {
-        self.names(order, &record.bases)
+        self.names(order, NAMING, &record.bases)
     }
 
-    /// What comes back at this order.
-    fn names(&self, order: f64, bases: &[OrderBase]) -> Vec<String> {
+    /// What comes back at this order, known to `reach` resolutions.
+    fn names(&self, order: f64, reach: f64, bases: &[OrderBase]) -> Vec<String> {
         let times = |base: &OrderBase| libm::round(order / base.order);
         let fits = |base: &&OrderBase| {
-            let is_close = (times(base) * base.order - order).abs() < 0.35 * self.resolution();
+            let is_close = (times(base) * base.order - order).abs() < reach * self.resolution();
             // What comes back more rarely than the recording resolves fits everything.
             let is_resolved = base.order * self.turns >= PERIODS;
             // An even number of half teeth is a number of teeth.
@@ -378,11 +417,11 @@ impl AngleSpectrum {
         // Where an order is a small multiple of one part's, that it is also a large multiple of another's says nothing.
         let few = found.iter().filter(|b| times(b) <= FEW).count();
         let names: Vec<String> = found.into_iter().map(name).take(few.clamp(1, 3)).collect();
-        if names.is_empty() { self.side_band(order, bases).into_iter().collect() } else { names }
+        if names.is_empty() { self.side_band(order, reach, bases).into_iter().collect() } else { names }
     }
 
     /// A multiple of teeth, a turn or two of a sprocket beside it: a tooth order whose size changes once a turn.
-    fn side_band(&self, order: f64, bases: &[OrderBase]) -> Option<String> {
+    fn side_band(&self, order: f64, reach: f64, bases: &[OrderBase]) -> Option<String> {
         let resolved = |b: &&OrderBase| b.order * self.turns >= PERIODS;
         let teeth = bases.iter().filter(|b| b.kind == OrderKind::Tooth);
         let turns = || bases.iter().filter(|b| b.kind == OrderKind::Sprocket).filter(resolved);
@@ -392,7 +431,7 @@ impl AngleSpectrum {
             let beside = order - times * tooth.order;
             for turn in turns() {
                 let by = libm::round(beside.abs() / turn.order);
-                let fits = (by * turn.order - beside.abs()).abs() < 0.35 * self.resolution();
+                let fits = (by * turn.order - beside.abs()).abs() < reach * self.resolution();
                 if fits && (1.0..=2.0).contains(&by) && times >= 1.0 {
                     let sign = if beside > 0.0 { '+' } else { '-' };
                     found.push((by as u32, format!("{} x {times} {sign} {by} x {}", tooth.name, turn.name)));
@@ -470,6 +509,20 @@ mod tests {
             }
             assert!((s.mean - 100.0).abs() < 0.2);
         }
+    }
+
+    /// A line beside a multiple that the recording does not part from it is named where noise hides its place, and not where it stands out.
+    #[test]
+    fn what_swings_beside_an_order_is_not_named_by_it() {
+        let mut r = record(0.0);
+        // Resolution: 1/10.4 orders; a third of one beside 5 x driver.
+        let beside = |x: &f64| 1.0 * libm::sin(2.0 * PI * 5.025 * x);
+        for (value, x) in r.values.iter_mut().zip(&r.turns) {
+            *value += beside(x);
+        }
+        let s = spectrum(&r).expect("ten turns");
+        let peak = s.peaks.iter().find(|p| (p.order - 5.025).abs() < 0.01).expect("a peak");
+        assert!(peak.names.is_empty() && !s.names_of(peak.order, &r).is_empty(), "{peak:?}");
     }
 
     #[test]

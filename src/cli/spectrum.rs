@@ -163,7 +163,7 @@ fn differing(own: &SpectrumSheet, theirs: &SpectrumSheet, highest: f64) -> Vec<(
             found.push((peak.order, peak.names.clone(), here, there));
         }
     }
-    // What no part turns with is a swing that the run began with: it comes after what parts cause.
+    // What no part turns with is a swing of the drive's own, at its start or by irregular impacts: it comes after what parts cause.
     let size = |p: &(f64, Vec<String>, f64, f64)| (p.2 - p.3).abs();
     found.sort_by(|p, q| p.1.is_empty().cmp(&q.1.is_empty()).then(size(q).total_cmp(&size(p))));
     found

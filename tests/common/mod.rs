@@ -31,7 +31,6 @@ pub fn drive_without_guides(overrides: &[&str]) -> Drive {
 }
 
 /// The bundled bush chain in some writing of it, without its guides.
-#[allow(dead_code)]
 pub fn without_guides(text: &str, overrides: &[&str]) -> Drive {
     let overrides: Vec<String> = overrides.iter().map(|s| (*s).to_string()).collect();
     let cut = text.find("# Straight guides").expect("the guides come last");
@@ -41,21 +40,12 @@ pub fn without_guides(text: &str, overrides: &[&str]) -> Drive {
     }
 }
 
-/// A drive whose contacts have the law whose damping grows with the load, in place of the linear one: restitution `e` at `speed` [m/s].
-#[allow(dead_code)]
-pub fn with_load_dampers(text: &str, e: f64, speed: f64) -> String {
-    let mut is_contact = false;
-    let lines = text.lines().map(|line| {
-        if line.starts_with('[') {
-            is_contact = line.contains("contact.") && line.contains(".linear]");
-        }
-        match line.split_once(" = ") {
-            Some(("damping_n_s_per_m", _)) if is_contact => {
-                format!("restitution = {e}\nrestitution_at_m_s = {speed}\n")
-            }
-            _ if is_contact => format!("{}\n", line.replace(".linear]", ".hunt_crossley]")),
-            _ => format!("{line}\n"),
-        }
+/// A drive whose contacts have the linear law with this damping [N s/m], in place of the one whose force begins at zero.
+pub fn with_linear_laws(text: &str, damping: f64) -> String {
+    let lines = text.lines().map(|line| match line.split_once(" = ") {
+        Some((key, _)) if key.trim_end() == "restitution" => format!("damping_n_s_per_m = {damping}\n"),
+        Some((key, _)) if key.trim_end() == "restitution_at_m_s" => "\n".to_string(),
+        _ => format!("{}\n", line.replace(".hunt_crossley]", ".linear]")),
     });
     lines.collect()
 }
