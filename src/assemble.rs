@@ -11,7 +11,9 @@
 mod report;
 mod start;
 
-pub use report::{AssemblyError, AssemblyReport, ChainPreload, MovedAxis, RestingArm, RestingSlider, SpanReport};
+pub use report::{
+    AssemblyError, AssemblyReport, ChainPreload, MovedAxis, RestingArm, RestingSlider, SpanReport, ValveReport,
+};
 pub use start::resting_state;
 use start::{moving_state, wrap_angles};
 
@@ -70,12 +72,10 @@ pub fn compile(drive: &Drive) -> Result<Compiled, AssemblyError> {
         tensions_n.push(own_n);
     }
     let mut model = if models.len() == 1 { models.remove(0) } else { Model::join(drive, models) };
-    model.add_shafts(drive);
-    model.add_oil(drive);
-    model.add_bearings(drive);
-    model.add_blades(drive);
+    add_mechanisms(&mut model, drive);
     let bound = step_bound(&model);
     model.step_s = choose_step(drive, &bound)?;
+    turn_cams(&mut model, drive)?;
     Ok(Compiled { model, bound, tensions_n })
 }
 
@@ -170,12 +170,38 @@ pub fn compile_in_place(drive: &Drive, other: &Model) -> Result<Model, AssemblyE
         models.push(with_links.and_then(|model| model.with_fidelity(&own, &terms)).map_err(AssemblyError::Input)?);
     }
     let mut model = if models.len() == 1 { models.remove(0) } else { Model::join(drive, models) };
+    add_mechanisms(&mut model, drive);
+    model.step_s = choose_step(drive, &step_bound(&model))?;
+    // Cams stay where they are on their shafts.
+    model.take_cams(other);
+    Ok(model)
+}
+
+/// What a drive has besides its chains.
+fn add_mechanisms(model: &mut Model, drive: &Drive) {
     model.add_shafts(drive);
+    model.add_valves(drive);
     model.add_oil(drive);
     model.add_bearings(drive);
     model.add_blades(drive);
-    model.step_s = choose_step(drive, &step_bound(&model))?;
-    Ok(model)
+}
+
+/// Sets the cams on their shafts: as the shafts are drawn, and turn until the recording begins.
+fn turn_cams(model: &mut Model, drive: &Drive) -> Result<(), AssemblyError> {
+    if drive.valves.is_empty() {
+        return Ok(());
+    }
+    let stands = rest_configuration(model, drive, 0.0)?;
+    let (damped, settling) = run_in_steps(drive, model.step_s);
+    let run_in_s = (damped + settling) as f64 * model.step_s;
+    model.set_cams(drive, &stands.coordinates, run_in_s);
+    Ok(())
+}
+
+/// Steps with the extra damping of the run-in, and after it.
+fn run_in_steps(drive: &Drive, step_s: f64) -> (u64, u64) {
+    let steps = |time_s: f64| (time_s / step_s).ceil() as u64;
+    (steps(drive.run.run_in_s), steps(drive.run.settle_s))
 }
 
 /// A drive at rest under its load: its model, and the equilibrium.
@@ -285,6 +311,7 @@ pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError>
         preload_low_n: first.low_n,
         preload_high_n: first.high_n,
         preloads,
+        valves: drive.valves.iter().map(|spec| ValveReport::of(drive, spec)).collect(),
         spans: model.spans.iter().map(|s| SpanReport::of(s, &loaded.configuration)).collect(),
         static_mean_tension_n: mean(&loaded_means),
         static_max_tension_n: loaded.tensions_n.iter().copied().fold(0.0, f64::max),
@@ -304,7 +331,7 @@ pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError>
 fn resting_sliders(model: &Model, q: &Configuration) -> Vec<RestingSlider> {
     let tips = model.touches.iter().filter_map(|t| match t.shape {
         TouchShape::Tip { slider, .. } => Some((slider, t)),
-        TouchShape::Stop { .. } => None,
+        TouchShape::Stop { .. } | TouchShape::Cam(_) => None,
     });
     let of = |(coordinate, touch): (usize, &Touch)| {
         let slider = model.sliders.iter().find(|s| s.coordinate == coordinate);
@@ -585,8 +612,7 @@ const ROTOR_RATE_PER_S: f64 = 1500.0;
 fn run_in(drive: &Drive, model: &Model, state: &mut State, isa: Isa) -> Result<(Vec<f64>, f64), StepError> {
     let mut scratch = Scratch::with_isa(model, isa);
     let h = model.step_s;
-    let damped = (drive.run.run_in_s / h).ceil() as u64;
-    let settle = (drive.run.settle_s / h).ceil() as u64;
+    let (damped, settle) = run_in_steps(drive, h);
     let steps_before = damped + settle;
     for i in 0..damped {
         // Fades out with zero slope, so that its end does not ring.

@@ -17,6 +17,7 @@ mod read;
 pub mod reader;
 pub mod sensors;
 pub mod shafts;
+pub mod valves;
 
 use crate::diag::Report;
 use crate::elements::beam::Beam;
@@ -34,6 +35,7 @@ use mechanism::{OilSpec, SliderSpec};
 use reader::{DriveReader, Places};
 use std::f64::consts::PI;
 use std::sync::Arc;
+use valves::ValveSpec;
 
 /// Bundled drives: name and text.
 pub const BUNDLED: [(&str, &str); 13] = [
@@ -153,6 +155,10 @@ pub struct Drive {
     pub tip_contact: Option<ContactSpec>,
     /// Oil behind the sliders; None: no slider is hydraulic.
     pub oil: Option<OilSpec>,
+    /// Valves that cams on the shafts lift.
+    pub valves: Vec<ValveSpec>,
+    /// Cams on followers, and valves on their seats; None without valves.
+    pub valve_contacts: Option<[ContactSpec; 2]>,
     /// Curved guides, fixed or on arms.
     pub rails: Vec<RailSpec>,
     /// How the loop of the first chain is tightened.

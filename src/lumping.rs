@@ -51,6 +51,9 @@ pub fn lumping(drive: &Drive) -> Result<(Lumping, Model, Equilibrium), LumpError
             s.name
         )));
     }
+    if !drive.valves.is_empty() {
+        return Err(LumpError::Form("valve trains are not lumped: give their torque as `[loads.orders.NAME]`".into()));
+    }
     let gives_way = !drive.bearings.is_empty() || drive.effects.mounts().next().is_some();
     if !drive.arms.is_empty() || !drive.rails.is_empty() || gives_way || drive.chains() > 1 {
         let text = "arms, rails, bearings, mounts of guides and several chains are not lumped yet: spans of a lumped drive run straight between two sprockets that stand";

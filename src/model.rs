@@ -12,6 +12,7 @@ mod parts;
 mod place;
 mod shafts;
 mod spans;
+mod valves;
 
 pub use bearings::BearingModel;
 pub use blades::BladeModel;

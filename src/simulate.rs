@@ -3,8 +3,10 @@
 //! With a window around breakpoints, recorded items are held back for as long as the window reaches back. At a hit the
 //! run is repeated from a snapshot of the State before the window and recorded densely, with bit-identical steps.
 
+mod lift_off;
 mod simulation;
 
+pub use lift_off::{LiftOff, LiftOffWatch};
 pub use simulation::Simulation;
 
 use crate::breakpoint::scratch::BreakWatch;
@@ -103,6 +105,8 @@ pub struct Summary {
     pub n_hits: u64,
     /// None: not detected.
     pub impacts: Option<u64>,
+    /// Valves that left their cams.
+    pub lift_offs: Vec<LiftOff>,
 }
 
 /// Inputs of a run besides the model and its State.
@@ -208,7 +212,7 @@ pub fn run_job(
         snapshots: VecDeque::new(),
         steps_per_frame: span.steps_per_frame,
     };
-    let mut n_impacts = 0;
+    let (mut n_impacts, mut lift_offs) = (0, LiftOffWatch::new(model));
     let ending = loop {
         let every = match around {
             Some(around) if stops.is_dense(state.step) => around.steps_per_frame,
@@ -224,6 +228,9 @@ pub fn run_job(
         }
         if wants_impacts {
             impacts.observe(model, state, scratch);
+        }
+        for event in lift_offs.observe(model, state, scratch) {
+            recorder.hold_back(state.step, SinkItem::Event(event));
         }
         let (touched, over) = if impacts.has_new_impacts() {
             (impacts.take_touched(), impacts.take_done())
@@ -291,6 +298,7 @@ pub fn run_job(
         hits: stops.hits,
         n_hits: stops.n_hits,
         impacts: wants_impacts.then_some(n_impacts),
+        lift_offs: lift_offs.into_found(),
     })
 }
 

@@ -291,6 +291,7 @@ impl Strike {
             reach_m: 1.0,
             rest_load: 0.0,
             is_held_at_rest: false,
+            is_run_in: true,
         };
         Strike { mass_kg: m, stiffness_n_per_m: k, speed_m_s, guide, squares, shape, share }
     }

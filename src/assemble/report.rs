@@ -1,9 +1,12 @@
 //! What assembling found, and why a drive could not be assembled.
 
 use crate::diag::Report;
+use crate::drive::Drive;
+use crate::drive::valves::ValveSpec;
 use crate::elements::span::ChainSpan;
 use crate::integrate::StepError;
 use crate::statics::Configuration;
+use crate::units::RPM;
 
 /// What assembling found.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -23,6 +26,9 @@ pub struct AssemblyReport {
     /// The same of every chain of a drive that has several.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub preloads: Vec<ChainPreload>,
+    /// Springs of valves.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub valves: Vec<ValveReport>,
     /// Spans of chains without links.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub spans: Vec<SpanReport>,
@@ -46,6 +52,37 @@ pub struct AssemblyReport {
     pub stillness: Vec<f64>,
     /// Slowest over the last half of settling: drift of the mean tension of the loop, relative.
     pub tension_drift: f64,
+}
+
+/// How fast the springs of valves let their cams turn.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct ValveReport {
+    /// Name of the valves.
+    pub valves: String,
+    /// The sprocket that turns their cams.
+    pub shaft: String,
+    /// Nominal speed of the cams [rad/s].
+    pub speed_rad_s: f64,
+    /// Speed from which a rigid follower leaves its cam [rad/s]; None: at any speed it stays.
+    pub floats_at_rad_s: Option<f64>,
+}
+
+impl ValveReport {
+    pub(super) fn of(drive: &Drive, spec: &ValveSpec) -> ValveReport {
+        let floats_at_rad_s = Some(spec.floats_at_rad_s()).filter(|w| w.is_finite());
+        let (sprocket, speed_rad_s) = (&drive.sprockets[spec.sprocket], drive.nominal_speed_rad_s(spec.sprocket).abs());
+        ValveReport { valves: spec.name.clone(), shaft: sprocket.name.clone(), speed_rad_s, floats_at_rad_s }
+    }
+
+    fn line(&self) -> String {
+        let cam = format!("`{}` turns at {:.0} 1/min", self.shaft, self.speed_rad_s / RPM);
+        match self.floats_at_rad_s {
+            Some(w) => {
+                format!("valves {} = on their cams, as rigid parts, below {:.0} 1/min; {cam}", self.valves, w / RPM)
+            }
+            None => format!("valves {} = on their cams at any speed; {cam}", self.valves),
+        }
+    }
 }
 
 /// A span of a chain without links.
@@ -166,6 +203,7 @@ impl AssemblyReport {
             [] => lines.push(first().line()),
             several => lines.extend(several.iter().map(ChainPreload::line)),
         }
+        lines.extend(self.valves.iter().map(ValveReport::line));
         lines.extend(self.spans.iter().map(|s| {
             let (mm, tension_n) = (s.length_m * 1e3, s.static_tension_n);
             let (stiffness, damping) = (s.stiffness_n_per_m, s.damping_n_s_per_m);

@@ -8,6 +8,7 @@ use crate::integrate::explicit::ends::{EndFinder, LinkPoses};
 use crate::model::{Model, SprocketModel};
 use crate::pairs::contact_group::ContactGroup;
 use crate::pairs::contour_body::FAR_M;
+use crate::pairs::part_part::TouchShape;
 use crate::pairs::plate_rail::law_radius_m;
 use crate::pairs::roller_bush::RestingBush;
 use crate::state::State;
@@ -42,10 +43,36 @@ pub(super) fn moving_state(model: &Model, at: &Equilibrium) -> Result<State, Ass
         (l.vx[roller], l.vy[roller]) = (l.vx[link] - turning * dy, l.vy[link] + turning * dx);
         l.omega[roller] = turning;
     }
+    put_followers(model, &mut state);
     if let Some(oil) = &model.oil {
         oil.fill(&at.configuration.coordinates, &mut state.oil);
     }
     Ok(state)
+}
+
+/// Puts followers on their cams, as fast as these lift them, with the force of their springs; those on the base circle stay on their seats. The
+/// masses of a spring stand and move in proportion.
+fn put_followers(model: &Model, state: &mut State) {
+    for (i, touch) in model.touches.iter().enumerate() {
+        let TouchShape::Cam(cam) = &touch.shape else { continue };
+        let q = &mut state.coordinates;
+        let gap = touch.shape.gap(&q.angle);
+        if gap.gap_m >= 0.0 {
+            continue;
+        }
+        let (lift_m, speed) = (q.angle[cam.follower] - gap.gap_m, -gap.slope[1] * q.omega[cam.shaft]);
+        (q.angle[cam.follower], q.omega[cam.follower]) = (lift_m, speed);
+        let masses = model.spring_masses(cam.follower);
+        let parts = (masses.len() + 1) as f64;
+        for (n, k) in masses.enumerate() {
+            let share = (n + 1) as f64 / parts;
+            (q.angle[k], q.omega[k]) = (share * lift_m, share * speed);
+        }
+        let bend = gap.bend[2] * q.omega[cam.shaft] * q.omega[cam.shaft];
+        let mass = 1.0 / model.coordinates[cam.follower].inverse_inertia();
+        let force = model.valve_spring_n(cam.follower, lift_m) - mass * bend;
+        (state.touches.normal_force[i], state.touches.age[i]) = (force.max(0.0), 1.0);
+    }
 }
 
 /// A State with the poses of `q`, at rest.

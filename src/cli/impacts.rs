@@ -1,7 +1,7 @@
 //! `pitchline impacts`: every impact of a recording, and what stands out among them.
 
 use super::{Answer, Failure, Outcome, answer};
-use crate::analysis::suspects::{Common, FoundSuspects, Suspect, common, compared_with, suspects};
+use crate::analysis::suspects::{Common, FoundSuspects, Suspect, against, common, suspects};
 use crate::recording::frame::{Feature, Header, Impact, Segment};
 use crate::recording::places::Loops;
 use crate::recording::reader::{Entry, Flow, FrameHead, Reader, WHOLE, Wanted};
@@ -60,12 +60,12 @@ pub fn run(args: &ImpactsArgs) -> Result<Outcome, Failure> {
     let (all, heads) = read(&mut reader)?;
     let mut other = args.against.as_deref().map(super::open_recording).transpose()?;
     let (verdict, common) = match &mut other {
-        None => (suspects(&all, &header, span(&heads)), None),
+        None => (suspects(&all, &header, span(&heads)).with_many_told(), None),
         Some(other) => {
             let (their, their_heads) = read(other)?;
             let common = in_common(args, (&heads, &their_heads), &header)?;
-            let suspects = compared_with((&all, &header), (&their, other.header()), &common);
-            (FoundSuspects { suspects, links_take_s: None }, Some(common))
+            let own = (&all[..], &header, span(&heads));
+            (against(own, (&their, other.header(), span(&their_heads)), &common), Some(common))
         }
     };
     let suspects = &verdict.suspects;
@@ -93,6 +93,7 @@ pub fn run(args: &ImpactsArgs) -> Result<Outcome, Failure> {
             "compared": common,
             "links_take_s": verdict.links_take_s,
             "suspects": suspects.iter().map(|s| suspect_json(s, &all, &header)).collect::<Vec<_>>(),
+            "differences": verdict.differences.iter().map(|s| suspect_json(s, &all, &header)).collect::<Vec<_>>(),
             "impacts": list.iter().map(|(n, i)| json(*n, i, &header, &heads, &args.recording)).collect::<Vec<_>>(),
         }))
     } else {
@@ -278,6 +279,15 @@ fn text(
     } else {
         lines.push("what stands out:".into());
         lines.extend(suspects.iter().take(SUSPECTS).flat_map(suspect_text));
+    }
+    if common.is_some() {
+        let found = &verdict.differences;
+        lines.push(if found.is_empty() {
+            "bodies whose impacts differ from the other recording: none".into()
+        } else {
+            "bodies whose impacts differ from the other recording (what follows; `audit --against` measures the causes):".into()
+        });
+        lines.extend(found.iter().take(SUSPECTS).flat_map(suspect_text));
     }
     if let Some(takes_s) = verdict.links_take_s {
         let takes_ms = takes_s * 1e3;

@@ -484,6 +484,7 @@ fn json(
         "from_s": header.parent.as_ref().map_or(0.0, |p| p.t_s),
         "impacts": summary.impacts,
         "n_hits": summary.n_hits,
+        "lift_offs": summary.lift_offs,
         "hits": summary.hits.iter().map(|h| serde_json::json!({
             "step": h.step,
             "t_s": h.t_s,
@@ -563,6 +564,7 @@ fn text(header: &Header, summary: &Summary, outputs: &[Output], (wall_s, asked):
         lines.push(format!("  ... and {} more hits", summary.n_hits - HITS_PRINTED as u64));
     }
     lines.extend(header.assembly.iter().map(|l| format!("  {}", l.replacen(" = ", ": ", 1))));
+    lines.extend(summary.lift_offs.iter().map(|l| format!("  {}", l.text())));
     lines.push(format!(
         "  energy: {:.3} J in, {:.3} J out, {:.3} J lost, {:+.3} J stored; error {:+.2e} of the work put in",
         e.put_in_j(),

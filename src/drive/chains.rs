@@ -2,6 +2,7 @@
 
 use super::bearings::BearingSpec;
 use super::mechanism::PassageLaw;
+use super::valves::ValveSpec;
 use super::{ChainFidelity, ChainSpec, Drive, OuterSpec, PreloadSpec};
 use crate::recording::columns::Rows;
 
@@ -113,6 +114,7 @@ impl Drive {
             (alone.preload, alone.fidelity) = (part.preload, part.fidelity);
         }
         alone.more.clear();
+        alone.valves.clear();
         alone.chain_names.clear();
         alone.places = self.places.within(&format!("chains.{}", self.chain_names[chain]));
         alone.sprockets = self.sprockets[own.clone()].to_vec();
@@ -275,6 +277,7 @@ impl Drive {
                 for chain in 0..self.chains() {
                     paths.extend(self.single_chain(chain).sliders.iter().map(|s| format!("sliders.{}", s.name)));
                 }
+                paths.extend(self.valves.iter().flat_map(ValveSpec::slider_paths));
                 paths.extend(balls().map(|p| p.path.clone()));
                 let sides = |b: &BearingSpec| ["along", "across"].map(|side| format!("{}.{side}", b.path));
                 paths.extend(self.bearings.iter().flat_map(sides));
@@ -288,6 +291,7 @@ impl Drive {
                 for chain in 0..self.chains() {
                     paths.extend(self.single_chain(chain).touch_paths());
                 }
+                paths.extend(self.valves.iter().flat_map(ValveSpec::touch_paths));
                 paths.extend(balls().flat_map(|p| ["seat", "stop"].map(|end| format!("{}.{end}", p.path))));
             }
             Rows::Chamber => {

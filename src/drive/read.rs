@@ -6,6 +6,7 @@ use super::contacts::{DEFAULT_CONTACT_LENGTH_M, read_contact, read_contacts};
 use super::guides::{read_guides, read_rails};
 use super::reader::{Places, TomlTable};
 use super::shafts::{self, MotionSpec, MovingNames, ShaftTrain, Speeds};
+use super::valves::{self, CamCarriers};
 use super::{
     ArmSpec, ChainFidelity, ChainPart, ChainSpec, Drive, FaceForm, JointSpec, OuterSpec, PreloadSpec, RailSpec,
     RingForm, RunSpec, ScatterSpec, ShaftSpec, SpanSpec, SprocketDrive,
@@ -40,7 +41,8 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     let fidelities: Vec<ChainFidelity> = chains.iter().map(|(_, t)| read_fidelity(t)).collect();
     let fidelity = fidelities.first().copied().unwrap_or(ChainFidelity::Links);
     let contacts = first.table("contact");
-    let (stop_table, tip_table) = (contacts.table("stop"), contacts.table("tip"));
+    let [stop_table, tip_table, cam_table, seat_table] =
+        ["stop", "tip", "cam", "seat"].map(|name| contacts.table(name));
     let ([tooth_contact, guide_contact, ring_contact], roller_contact) = read_contacts(&first.table("contact"), &chain);
     let read = |t: &TomlTable<'_>| read_contact(t, DEFAULT_CONTACT_LENGTH_M);
     let arms = mechanism::read_arms(root, &names);
@@ -66,6 +68,9 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
         let on_chain = |r: &&RailSpec| sprockets.get(r.span).is_some_and(|s| s.chain == chain);
         rails.iter().filter(on_chain).filter(|r| r.bending.is_some()).map(|r| r.name.as_str()).collect()
     };
+    let valves =
+        valves::read_valves(root, &CamCarriers { sprockets: &sprockets, shafts: &shafts, bearings: &bearings });
+    let valve_contacts = valves::read_valve_contacts([&cam_table, &seat_table], &valves, read);
     let preload = read_preload(&first.table("preload"), &own(0), 0, (&arms, &blades(0)));
     let more = |(index, (_, t)): (usize, &(String, TomlTable<'_>))| {
         let before = (0..index).map(|c| own(c).len()).sum();
@@ -128,6 +133,8 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
         sliders,
         tip_contact,
         oil,
+        valves,
+        valve_contacts,
         rails,
         preload,
         effects,

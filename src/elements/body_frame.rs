@@ -161,6 +161,7 @@ mod tests {
             reach_m: 1.0,
             rest_load: 0.0,
             is_held_at_rest: false,
+            is_run_in: true,
         };
         let coordinates =
             [free(2e-3, CoordinateKind::Turns), free(0.7, CoordinateKind::Slides), free(1.9, CoordinateKind::Slides)];

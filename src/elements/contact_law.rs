@@ -491,7 +491,12 @@ pub fn closed_form_step<const GROWS: bool>(k: f64, c: f64, s: StepInput, old: bo
         let depth = if touching { square * d } else { 0.0 } + beside * (1.0 / 6.0);
         c * rate * rate * if depth > 0.0 { depth } else { 0.0 } * per_step
     } else {
-        c * rate * rate * time * (0.5 * per_step)
+        // A damper that would pull ends the force before the overlap does: what the spring still holds then, k d^2/2 with k d = -c d', is lost
+        // with it. Seen from the nodes before and after, by their weights there.
+        let share = if parting & (closed | old) & !coming { rest * per_step } else { 0.0 };
+        let kept_force = if force > 0.0 { force } else { 0.0 };
+        let end_rate = rate + end * (others - 0.5 * w * kept_force);
+        c * rate * rate * time * (0.5 * per_step) + share * (0.5 * c * c / k) * (end_rate * end_rate)
     };
     let touch_rate = if closed { behind } else { touch_rate };
     StepForce { mean_force: mean, rate, touch_rate, lost }

@@ -26,6 +26,8 @@ pub struct Coordinate {
     pub rest_load: f64,
     /// Stands still while the drive is assembled at rest: a ball on its seat.
     pub is_held_at_rest: bool,
+    /// Is drawn to its nominal speed while the drive is run in.
+    pub is_run_in: bool,
 }
 
 /// How a coordinate moves what it carries.

@@ -1,4 +1,5 @@
-//! Couplings: torsion springs with dampers between two coordinates that turn, as shafts between discs are.
+//! Couplings: springs with dampers between two coordinates, as shafts between discs are, and parts of a spring between its masses. Of what slides
+//! ways [m] stand in place of angles, forces [N] in place of torques.
 //!
 //! ```text
 //! M = k (q_b - q_a) + c (q_b' - q_a')      on a; -M on b; stored = k (q_b - q_a)^2 / 2, lost = c (q_b' - q_a')^2 dt

@@ -9,6 +9,7 @@ pub mod coupling;
 pub mod driver_motion;
 pub mod friction;
 pub mod hydraulics;
+pub mod lift_law;
 pub mod link_joint;
 pub mod load;
 pub mod oil;

@@ -418,7 +418,8 @@ fn coordinate_acceleration(model: &Model, state: &State, scratch: &Scratch, k: u
     let (q, coordinate) = (&state.coordinates, &model.coordinates[k]);
     let force = scratch.chain_torque[k] + scratch.parts_force[k];
     let own = coordinate.acceleration(model.step_s, q.angle[k], q.omega[k], force);
-    let pull = scratch.run_in.rotor_rate_per_s * (q.omega[k] - coordinate.nominal_speed_rad_s);
+    let off_nominal = q.omega[k] - coordinate.nominal_speed_rad_s;
+    let pull = if coordinate.is_run_in { scratch.run_in.rotor_rate_per_s * off_nominal } else { 0.0 };
     if coordinate.is_free() {
         return own - pull;
     }

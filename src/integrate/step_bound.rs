@@ -115,7 +115,13 @@ pub fn step_bound(model: &Model) -> StepBound {
     }
     for touch in &model.touches {
         let gap = touch.shape.gap(&nowhere);
-        let by = |i: usize| gap.slope[i].powi(2) * model.coordinates[gap.coordinates[i]].inverse_inertia();
+        // Where it lifts fastest.
+        let steepest = match &touch.shape {
+            TouchShape::Cam(cam) => cam.law.sweep(200).map(|a| cam.law.at(a).slope_m.abs()).fold(0.0, f64::max),
+            TouchShape::Stop { .. } | TouchShape::Tip { .. } => 0.0,
+        };
+        let slope = [gap.slope[0], if steepest > 0.0 { steepest } else { gap.slope[1] }];
+        let by = |i: usize| slope[i].powi(2) * model.coordinates[gap.coordinates[i]].inverse_inertia();
         let load = ContactLoad { speed_m_s: SPEED_OF_PARTS_M_S, rest_n: PEAK_FORCE_N };
         bounds.extend(contact_bounds(&touch.path, (&touch.law, touch.radii, load), by(0) + by(1)));
     }

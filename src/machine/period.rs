@@ -96,6 +96,9 @@ fn declared_period(drive: &Drive, alike: u32, pitches: &[RateRatio], links: &[u3
     for k in uneven.filter_map(|l| drive.sprocket_turning(l.on)) {
         all = lcm(all, turn(k));
     }
+    for k in drive.valves.iter().map(|v| v.sprocket) {
+        all = lcm(all, turn(k));
+    }
     for k in e.gap_errors.iter().map(|g| g.sprocket).chain(e.gap_waves.iter().map(|w| w.sprocket)) {
         all = lcm(all, turn(k));
     }

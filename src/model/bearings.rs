@@ -52,6 +52,7 @@ impl Model {
                     rest_load: 0.0,
                     // A film bears nothing while nothing turns: where it stands is found apart.
                     is_held_at_rest: film.is_some(),
+                    is_run_in: true,
                 });
             }
             let shifts =
@@ -112,6 +113,7 @@ impl Model {
                 reach_m: 1.0,
                 rest_load: 0.0,
                 is_held_at_rest: false,
+                is_run_in: true,
             });
             self.guides[k].frame.shifts.push(shift);
             let body = self.sprockets.len() + k;

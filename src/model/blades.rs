@@ -82,6 +82,7 @@ impl Model {
                     reach_m: 1.0,
                     rest_load: 0.0,
                     is_held_at_rest: false,
+                    is_run_in: true,
                 });
             }
             self.rails[k].blade = Some(BladeModel { shape, first });

@@ -40,6 +40,7 @@ pub(super) fn build_arms(drive: &Drive, placed: &PlacedDrive, coordinates: &mut 
             reach_m: carried().map(|(rail, _)| rail.reach_m()).fold(SHORTEST_ARM_M, f64::max),
             rest_load: 0.0,
             is_held_at_rest: false,
+            is_run_in: true,
         });
     }
     arms
@@ -153,6 +154,7 @@ fn slider_coordinate(drive: &Drive, spec: &SliderSpec) -> Coordinate {
         reach_m: 1.0,
         rest_load,
         is_held_at_rest: false,
+        is_run_in: true,
     }
 }
 
@@ -237,6 +239,7 @@ impl Model {
             reach_m: 1.0,
             rest_load: 0.0,
             is_held_at_rest: true,
+            is_run_in: true,
         });
         let law =
             ContactLaw::Linear { stiffness_n_per_m: ball.stiffness_n_per_m, damping_n_s_per_m: ball.damping_n_s_per_m };

@@ -55,6 +55,7 @@ pub(super) fn build_coordinates(drive: &Drive, sprockets: &[SprocketModel], sens
         reach_m: s.geometry.pitch_radius_m(),
         rest_load: 0.0,
         is_held_at_rest: false,
+        is_run_in: true,
     };
     drive.sprockets.iter().zip(sprockets).map(of).collect()
 }

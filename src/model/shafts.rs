@@ -72,7 +72,7 @@ impl Model {
             return;
         }
         let moved = |q: usize| if q >= first { q + count } else { q };
-        self.touches.iter_mut().for_each(|t| t.shape = t.shape.renumbered(moved));
+        self.touches.iter_mut().for_each(|t| t.shape = t.shape.clone().renumbered(moved));
         self.sliders.iter_mut().for_each(|s| s.coordinate = moved(s.coordinate));
     }
 
@@ -179,5 +179,6 @@ fn free_shaft(name: &str, outer: OuterSpec) -> Coordinate {
         reach_m: 0.0,
         rest_load: 0.0,
         is_held_at_rest: false,
+        is_run_in: true,
     }
 }

@@ -8,6 +8,7 @@
 mod header;
 mod ledger;
 mod mechanism;
+mod valves;
 
 use header::outline_element;
 pub use header::{bodies, header, header_of};
@@ -420,7 +421,8 @@ fn row(
         instant_force: pair.law.force(penetration, rate, approach, radii),
         stick: friction_force.abs() < pair.friction * normal_force,
         age_s: memory.age[lane] * node.model.step_s,
-        stored_j: pair.law.elastic(penetration, radii).energy_j,
+        // Where a damper would pull, the overlap that is left holds nothing.
+        stored_j: if normal_force > 0.0 { pair.law.elastic(penetration, radii).energy_j } else { 0.0 },
     }
 }
 

@@ -243,11 +243,16 @@ pub enum BodyKind {
     Ball = 6,
     /// A chain without links, on its pitch line.
     Chain = 7,
+    /// A cam on a shaft.
+    Cam = 8,
+    /// A valve with its follower.
+    Valve = 9,
 }
 
 impl BodyKind {
     /// Names in the order of the numbers.
-    pub const NAMES: [&str; 8] = ["sprocket", "guide", "rail", "arm", "slider", "housing", "ball", "chain"];
+    pub const NAMES: [&str; 10] =
+        ["sprocket", "guide", "rail", "arm", "slider", "housing", "ball", "chain", "cam", "valve"];
 
     /// In words, of a `BodyInfo::kind`.
     pub fn name(kind: u32) -> &'static str {
@@ -431,7 +436,7 @@ tables! {
         7 chain_force_n: double, "N", Step, Value, "Force of chains on what its bearing or its blade carries, along its way; mean over the step.";
     }
 
-    /// One row per pair of parts that may touch each other and no chain, in the order of `Header::touches`: tips of sliders on arms, stops, balls on their seats.
+    /// One row per pair of parts that may touch each other and no chain, in the order of `Header::touches`: tips of sliders on arms, stops, balls on their seats, cams on followers.
     12 touches: Touches, a row per Touch {
         1 gap_m: double, "m", Node, Value, "Distance of the two; negative where they overlap.";
         2 normal_force_n: double, "N", Step, Value, "Force that parts them, never negative; mean over the step.";

@@ -11,7 +11,7 @@ use crate::integrate::explicit::ends::{EndFinder, LinkPoses};
 use crate::model::{BladeModel, GuideModel, Model, RailModel};
 use crate::pairs::bush_gap;
 use crate::pairs::contour_body::{EndTouch, FAR_M};
-use crate::pairs::part_part::Touch;
+use crate::pairs::part_part::{Touch, TouchShape};
 use crate::pairs::plate_blade::BladePoint;
 use crate::pairs::plate_rail::{PlatePart, law_radius_m};
 use crate::pairs::roller_bush::RestingBush;
@@ -239,6 +239,10 @@ fn add_span(span: &ChainSpan, q: &Configuration, free: &[usize], s: &mut System)
 
 /// Parts that touch each other: penetration = -gap.
 fn add_touch(touch: &Touch, q: &Configuration, free: &[usize], s: &mut System) {
+    // Followers are held at rest on their seats, where cams that lift would press: their touch is left out.
+    if matches!(touch.shape, TouchShape::Cam(_)) {
+        return;
+    }
     let gap = touch.shape.gap(&q.coordinates);
     let elastic = touch.law.elastic(-gap.gap_m, touch.radii);
     if elastic.force_n <= 0.0 {

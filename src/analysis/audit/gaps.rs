@@ -32,8 +32,14 @@ const ROUND_M: f64 = 0.5e-6;
 const WAVE: f64 = 0.5;
 /// A gap is compared with those that lie within this robust deviation of the others [m]; the others do not form the common arc.
 const ODD_M: f64 = 2e-6;
-/// Passes in which odd gaps and eccentricity are taken out of the common arcs.
-const PASSES: usize = 5;
+/// Most passes in which odd gaps and eccentricity are taken out of the common arcs. Places along the turn and the arcs' centres are told by much the
+/// same normals, and settle slowly.
+const PASSES: usize = 400;
+/// As many where a gap has fewer contacts than this in the median: what few contacts hardly tell would drift far off its place.
+const FEW_PASSES: usize = 5;
+const MANY_SAMPLES: f64 = 100.0;
+/// Way of a gap in a pass below which all has settled [m].
+const SETTLED_M: f64 = 1e-9;
 /// Joints this much nearer to the axis than the pitch line [pitches], or further, lie on the sprocket. assumed: a
 /// chord of a polygon of 18 teeth and more lies 0.05 pitches inside its circle, the next joint of a span further.
 const NEAR: f64 = 0.2;
@@ -306,7 +312,8 @@ impl SprocketSums {
         let mut eccentric: Option<Solution<2>> = None;
         let (mut shifts, mut common) = (vec![None; teeth], BTreeMap::new());
         let mut beside = vec![[0.0; 2]; teeth];
-        for _ in 0..PASSES {
+        let samples = median(self.seated.iter().filter(|n| **n > 0).map(|n| *n as f64));
+        for _ in 0..if samples < MANY_SAMPLES { FEW_PASSES } else { PASSES } {
             common = self.common(&odd, &beside);
             let sums: Vec<NormalEquations<2>> = (0..teeth).map(|g| self.shift(g as u32, &common)).collect();
             eccentric = eccentricity(&sums, &odd);
@@ -317,14 +324,21 @@ impl SprocketSums {
             shifts = sums.iter().zip(&ways).map(own).map(Option::flatten).collect();
             let middle_of = |i: usize| median(shifts.iter().flatten().map(|s| s.value[i]));
             let centre = [middle_of(0), middle_of(1)];
+            let mut moved_m = 0.0_f64;
             for ((beside, shift), way) in beside.iter_mut().zip(&shifts).zip(&ways) {
                 let own = shift.map_or([0.0; 2], |s| [s.value[0] - centre[0], s.value[1] - centre[1]]);
-                *beside = [way[0] + own[0], way[1] + own[1]];
+                let next = [way[0] + own[0], way[1] + own[1]];
+                moved_m = moved_m.max((next[0] - beside[0]).abs()).max((next[1] - beside[1]).abs());
+                *beside = next;
             }
             let outward: Vec<f64> = shifts.iter().flatten().map(|s| s.value[0]).collect();
             let (centre, scatter) = middle(&outward);
+            let odd_before = odd.clone();
             for (g, shift) in shifts.iter().enumerate() {
                 odd[g] = shift.is_some_and(|s| (s.value[0] - centre).abs() > (6.0 * scatter).max(ODD_M));
+            }
+            if moved_m < SETTLED_M && odd == odd_before {
+                break;
             }
         }
         let forms = self.common_sums(&odd, &beside);

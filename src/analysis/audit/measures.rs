@@ -149,6 +149,9 @@ pub static TIGHTENING: Measure = Measure {
 };
 pub static TENSION: Measure = effect("tension_n", "mean tension", ("more", "less"), NEWTON, (10.0, 0.1));
 pub static SPEED: Measure = effect("speed_rad_s", "mean speed", ("faster", "slower"), ("rpm", PI / 30.0), (0.1, 0.01));
+/// What irregular impacts give a free shaft is a third of what counts.
+pub static SPEED_SCATTER: Measure =
+    effect("speed_scatter_rad_s", "standard deviation of its speed", ("more", "less"), ("rpm", PI / 30.0), (0.3, 0.5));
 pub static OUTER_TORQUE: Measure =
     effect("outer_torque_nm", "mean torque of drive and load", ("more", "less"), TORQUE, (0.5, 0.05));
 pub static ARM_ANGLE: Measure =
@@ -239,13 +242,14 @@ pub fn measured(audit: &Audit, header: &Header) -> Vec<Measured> {
         );
     }
     put_one(&mut all, AuditPart::Spans, &PRELOAD, spans.preload_n, Some(header.static_tension_n));
-    for (k, [speed, _, outer, angle]) in spans.turning.iter().enumerate() {
+    for (k, ([speed, _, outer, angle], scatter)) in spans.turning.iter().zip(&spans.speed_scatter).enumerate() {
         let path = header.coordinates.get(k).map_or("", String::as_str);
         let part = AuditPart::Turning(k);
         if path.starts_with("arms.") {
             put_one(&mut all, part, &ARM_ANGLE, *angle, None);
         } else {
             put_one(&mut all, part, &SPEED, *speed, None);
+            put_one(&mut all, part, &SPEED_SCATTER, *scatter, None);
             put_one(&mut all, part, &OUTER_TORQUE, *outer, None);
         }
     }
@@ -408,9 +412,13 @@ pub fn lacking(audit: &Audit, header: &Header) -> Vec<String> {
 
 /// Parts of a drive of which nothing is measured.
 fn unknown_to_audit(header: &Header) -> Vec<String> {
+    let sliding = |of: &str| header.sliders.iter().filter(|path| path.starts_with(of)).count();
+    let rails = header.bodies.iter().filter(|b| b.kind == BodyKind::Rail as u32).count();
     let parts = [
         (header.rollers.len(), "rollers: their clearance, and stiffness and friction on their bushes"),
-        (header.sliders.len(), "plungers and check balls: their springs, stops and friction"),
+        (sliding("sliders.") + sliding("passages."), "plungers and check balls: their springs, stops and friction"),
+        (header.touches.iter().filter(|path| path.ends_with(".cam")).count(), "valves: their springs and lash"),
+        (rails, "rails and pivots of arms: their places"),
         (header.chambers.len(), "chambers and reservoirs: their oil"),
         (header.passages.len(), "passages: what flows through them"),
     ];

@@ -37,6 +37,12 @@ impl Running {
         (self.squares / self.samples.max(1) as f64 - self.mean() * self.mean()).max(0.0).sqrt()
     }
 
+    /// The standard deviation as a number of its own, known to its own share of 1/sqrt(2 n).
+    pub fn scatter_estimate(&self) -> Option<Estimate> {
+        let (value, n) = (self.scatter(), self.samples);
+        (n > 1).then(|| Estimate { value, error: value / (2.0 * n as f64).sqrt(), samples: n })
+    }
+
     pub fn estimate(&self) -> Option<Estimate> {
         let error = self.scatter() / (self.samples.max(1) as f64).sqrt();
         (self.samples > 0).then(|| Estimate { value: self.mean(), error, samples: self.samples })
@@ -108,6 +114,8 @@ pub struct SpanFit {
     pub preload_n: Option<Estimate>,
     /// Speed, torque of chains, outer torque, angle of each row of `rotors`.
     pub turning: Vec<[Option<Estimate>; 4]>,
+    /// Standard deviation of the speed of each [rad/s].
+    pub speed_scatter: Vec<Option<Estimate>>,
     /// Change of each account per time [W].
     pub power_w: Vec<f64>,
 }
@@ -143,6 +151,7 @@ impl SpanPass {
             axes: self.axes.clone(),
             preload_n: self.loop_n.estimate(),
             turning: self.turning.iter().map(|sums| std::array::from_fn(|i| sums[i].estimate())).collect(),
+            speed_scatter: self.turning.iter().map(|sums| sums[0].scatter_estimate()).collect(),
             power_w,
         }
     }

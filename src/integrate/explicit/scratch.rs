@@ -106,6 +106,8 @@ pub struct Scratch {
     /// What touching parts remember, and the force of touching parts and oil on each coordinate, mean over the step [N m, N].
     pub(super) touches: ContactMemory,
     pub(super) parts_force: Vec<f64>,
+    /// Force of touches that this step has not come to yet, as it was a step ago.
+    pub(super) touches_behind: Vec<f64>,
     /// The shares of loads and couplings that lose energy, and that do work outside.
     pub(super) losing_force: Vec<f64>,
     pub(super) working_force: Vec<f64>,
@@ -336,6 +338,7 @@ impl Scratch {
             chain_torque: vec![0.0; model.coordinates.len()],
             touches: ContactMemory::new(model.touches.len()),
             parts_force: vec![0.0; model.coordinates.len()],
+            touches_behind: vec![0.0; model.coordinates.len()],
             losing_force: vec![0.0; model.coordinates.len()],
             working_force: vec![0.0; model.coordinates.len()],
             losing_parts: std::array::from_fn(|_| vec![0.0; model.coordinates.len()]),

@@ -3,10 +3,11 @@
 use super::Scratch;
 use crate::elements::hydraulics::CoordinateStep;
 use crate::model::Model;
-use crate::pairs::part_part::{CoordinateRates, PastTouch};
+use crate::pairs::part_part::{CoordinateRates, Gap, PastTouch};
 use crate::state::State;
 
-/// Forces of loads, couplings, films, oil and of all touches on the coordinates, one touch after the other: each takes those before it into account.
+/// Forces of loads, couplings, films, oil and of all touches on the coordinates, one touch after the other: each takes those before it into account as
+/// they are, those behind it as they were a step ago.
 pub(super) fn forces(model: &Model, state: &State, scratch: &mut Scratch) {
     if model.touches.is_empty() && model.oil.is_none() && !model.has_shaft_forces() {
         return;
@@ -18,12 +19,31 @@ pub(super) fn forces(model: &Model, state: &State, scratch: &mut Scratch) {
     if let Some(oil) = &model.oil {
         oil.add_forces(&q.angle, &state.oil, &mut scratch.parts_force);
     }
+    // Those behind are taken as they were a step ago: a valve on its seat and its cam press on one mass.
+    let mut behind = std::mem::take(&mut scratch.touches_behind);
+    behind.fill(0.0);
+    for (i, touch) in model.touches.iter().enumerate().filter(|(i, _)| state.touches.normal_force[*i] > 0.0) {
+        let gap = touch.shape.gap(&q.angle);
+        for (k, force) in gap.coordinates.into_iter().zip(past_forces(state, i, &gap)) {
+            behind[k] += force;
+        }
+    }
     for (i, touch) in model.touches.iter().enumerate() {
         let gap = touch.shape.gap(&q.angle);
+        if state.touches.normal_force[i] > 0.0 {
+            for (k, force) in gap.coordinates.into_iter().zip(past_forces(state, i, &gap)) {
+                behind[k] -= force;
+            }
+        }
+        let inverse_inertia = gap.coordinates.map(|k| model.coordinates[k].inverse_inertia());
+        let acceleration = |n: usize| {
+            let k = gap.coordinates[n];
+            super::coordinate_acceleration(model, state, scratch, k) + behind[k] * inverse_inertia[n]
+        };
         let moving = CoordinateRates {
             speed: gap.coordinates.map(|k| q.omega[k]),
-            acceleration: gap.coordinates.map(|k| super::coordinate_acceleration(model, state, scratch, k)),
-            inverse_inertia: gap.coordinates.map(|k| model.coordinates[k].inverse_inertia()),
+            acceleration: [acceleration(0), acceleration(1)],
+            inverse_inertia,
         };
         let before = &state.touches;
         let past = PastTouch { normal_force: before.normal_force[i], age: before.age[i], approach: before.approach[i] };
@@ -37,6 +57,12 @@ pub(super) fn forces(model: &Model, state: &State, scratch: &mut Scratch) {
         now.lost_damping[i] = before.lost_damping[i] + step.lost_damping;
         now.lost_friction[i] = before.lost_friction[i] + step.lost_friction;
     }
+    scratch.touches_behind = behind;
+}
+
+/// What a touch gave a step ago, on the two coordinates of its gap; the force of its normal alone.
+fn past_forces(state: &State, touch: usize, gap: &Gap) -> [f64; 2] {
+    gap.slope.map(|slope| state.touches.normal_force[touch] * slope)
 }
 
 /// Moves the oil on, after the coordinates have moved from where `scratch` has kept them.
@@ -67,6 +93,9 @@ pub(crate) fn sliding_forces(model: &Model, state: &State, scratch: &Scratch, k:
     let spring = coordinate.spring.force(q.angle[k]) - coordinate.spring.damping * speed;
     let mut touch_n = 0.0;
     for (i, touch) in model.touches.iter().enumerate() {
+        if scratch.touches.normal_force[i] == 0.0 {
+            continue;
+        }
         let gap = touch.shape.gap(&q.angle);
         for (own, (slope, slide)) in gap.coordinates.into_iter().zip(gap.slope.into_iter().zip(gap.slide)) {
             if own == k {
@@ -93,7 +122,10 @@ pub(crate) fn energies(model: &Model, state: &State, scratch: &Scratch) -> [f64;
     let (past, now) = (&state.touches, &scratch.touches);
     for (i, touch) in model.touches.iter().enumerate() {
         let gap_m = touch.shape.gap(&state.coordinates.angle).gap_m;
-        sums[0] += touch.law.elastic(-gap_m, touch.radii).energy_j;
+        // Where a damper would pull, the overlap that is left holds nothing.
+        if now.normal_force[i] > 0.0 {
+            sums[0] += touch.law.elastic(-gap_m, touch.radii).energy_j;
+        }
         // Totals before and after this step: at the node in its middle, their mean.
         sums[1] += 0.5 * (past.lost_damping[i] + now.lost_damping[i]);
         sums[2] += 0.5 * (past.lost_friction[i] + now.lost_friction[i]);

@@ -4,7 +4,7 @@ use super::super::frame::{
     BodyInfo, BodyKind, BodyShift, Channel, FORMAT_VERSION, Header, LinkInfo, Outline, OutlineCircle, OutlineElement,
     RollerInfo, SensorInfo,
 };
-use super::mechanism;
+use super::{mechanism, valves};
 use crate::assemble::AssemblyReport;
 use crate::drive::Drive;
 use crate::elements::body_frame::{BodyFrame, Shift};
@@ -136,6 +136,7 @@ pub fn bodies(drive: &Drive, model: &Model) -> Vec<BodyInfo> {
         ..BodyInfo::default()
     }));
     bodies.extend(mechanism::bodies(drive, model));
+    bodies.extend(valves::bodies(drive, model));
     bodies.extend(mechanism::chains_of_spans(drive, model));
     bodies
 }

@@ -27,19 +27,19 @@ const WALL: f64 = 0.35;
 /// Deepest chamber that is drawn as deep as it is, in radii of the plunger.
 const DEEPEST: f64 = 8.0;
 
-/// Rows of what slides: sliders, then check balls.
+/// Rows of what slides: sliders, valves with the masses of their springs, check balls, ways of bearings and blades.
 pub(super) fn fill_sliders(model: &Model, state: &State, scratch: &Scratch, sliders: &mut Sliders) {
     let first = model.n_turning();
     let q = &state.coordinates;
     let rows = first..model.coordinates.len();
     let speed = |k: usize| q.omega[k] + 0.5 * model.step_s * scratch.coordinate_alpha()[k];
-    let force = |k: usize| touches::sliding_forces(model, state, scratch, k);
+    let forces: Vec<_> = rows.clone().map(|k| touches::sliding_forces(model, state, scratch, k)).collect();
     fill(&mut sliders.position_m, rows.clone().map(|k| q.angle[k]));
     fill(&mut sliders.speed_m_s, rows.clone().map(speed));
     fill(&mut sliders.acceleration_m_s2, rows.clone().map(|k| scratch.coordinate_alpha()[k]));
-    fill(&mut sliders.spring_force_n, rows.clone().map(|k| force(k).spring_n));
-    fill(&mut sliders.oil_force_n, rows.clone().map(|k| force(k).oil_n));
-    fill(&mut sliders.touch_force_n, rows.clone().map(|k| force(k).touch_n));
+    fill(&mut sliders.spring_force_n, forces.iter().map(|f| f.spring_n));
+    fill(&mut sliders.oil_force_n, forces.iter().map(|f| f.oil_n));
+    fill(&mut sliders.touch_force_n, forces.iter().map(|f| f.touch_n));
     fill(&mut sliders.chain_force_n, rows.map(|k| scratch.chain_torque[k]));
 }
 
@@ -137,7 +137,7 @@ fn stops(model: &Model, coordinate: usize) -> [Option<f64>; 2] {
             TouchShape::Stop { coordinate: own, limit, sense, .. } if own == coordinate && sense == wanted => {
                 Some(limit)
             }
-            TouchShape::Stop { .. } | TouchShape::Tip { .. } => None,
+            TouchShape::Stop { .. } | TouchShape::Tip { .. } | TouchShape::Cam(_) => None,
         })
     })
 }
@@ -198,7 +198,7 @@ fn arm_body(model: &Model, arm: &ArmModel) -> BodyInfo {
         (None, None) | (Some(_), None) | (None, Some(_)) => (Vec2::zeros(), Vec2::new(1.0, 0.0)),
     };
     let mut pads: Vec<Element> =
-        model.touches.iter().filter_map(|t| pad_of(t.shape, arm.coordinate)).map(|p| facing_back(p, along)).collect();
+        model.touches.iter().filter_map(|t| pad_of(&t.shape, arm.coordinate)).map(|p| facing_back(p, along)).collect();
     pads.sort_by(|a, b| b.start().dot(&along).total_cmp(&a.start().dot(&along)));
     let side = |p: Vec2| cross(along, p - from);
     let is_between = |pad: &Element| [pad.start(), pad.end()].iter().all(|p| side(*p) * side(Vec2::zeros()) > 0.0);
@@ -226,8 +226,8 @@ fn arm_body(model: &Model, arm: &ArmModel) -> BodyInfo {
 }
 
 /// What the tip of a slider rests on, in the frame of this arm; None: of another.
-fn pad_of(shape: TouchShape, coordinate: usize) -> Option<Element> {
-    let TouchShape::Tip { centre, radius_m, arm, pivot, pad, .. } = shape else { return None };
+fn pad_of(shape: &TouchShape, coordinate: usize) -> Option<Element> {
+    let &TouchShape::Tip { centre, radius_m, arm, pivot, pad, .. } = shape else { return None };
     if arm != coordinate {
         return None;
     }

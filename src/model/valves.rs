@@ -1,0 +1,192 @@
+//! Valves: what slides, what it touches, and the masses of its spring.
+
+use super::Model;
+use crate::drive::Drive;
+use crate::drive::valves::ValveSpec;
+use crate::elements::contact_law::{ContactLaw, PairRadii};
+use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
+use crate::elements::coupling::Coupling;
+use crate::geometry::unit;
+use crate::pairs::part_part::{CamTouch, Touch, TouchShape};
+use std::f64::consts::PI;
+
+impl Model {
+    /// Puts the valves of a drive in. Comes after the shafts: what turns stands before what slides. Where their cams stand is said later, by
+    /// [`Model::set_cams`].
+    pub fn add_valves(&mut self, drive: &Drive) {
+        for spec in &drive.valves {
+            for number in 0..spec.phases_rad.len() {
+                self.add_valve(drive, spec, number);
+            }
+        }
+    }
+
+    fn add_valve(&mut self, drive: &Drive, spec: &ValveSpec, number: usize) {
+        let Some([cam, seat]) = &drive.valve_contacts else { return };
+        let (path, follower) = (spec.path(number), self.coordinates.len());
+        let parts = spec.spring_parts as f64;
+        // A spring in parts presses on the valve with its preload, and with what its last part is shortened by.
+        let is_whole = spec.spring_parts == 1;
+        let spring = CoordinateSpring {
+            stiffness: if is_whole { spec.spring_n_per_m } else { 0.0 },
+            free: if is_whole { -spec.spring_n / spec.spring_n_per_m } else { 0.0 },
+            damping: spec.damping_n_s_per_m,
+        };
+        let preload_n = if is_whole { 0.0 } else { -spec.spring_n };
+        self.coordinates.push(slides(path.clone(), spec.moved_kg(), preload_n, spring));
+        if !is_whole {
+            let (k, m) = (parts * spec.spring_n_per_m, spec.spring_mass_kg / parts);
+            // Of a spring held at both ends, which is what surge is: damping by stiffness.
+            let first_rad_s = 2.0 * libm::sqrt(k / m) * libm::sin(0.5 * PI / parts);
+            let c = 2.0 * spec.spring_damping * k / first_rad_s;
+            let first = self.coordinates.len();
+            for i in 1..spec.spring_parts {
+                // The far end of the spring stands in the head.
+                let ground = if i == 1 {
+                    CoordinateSpring { stiffness: k, free: 0.0, damping: c }
+                } else {
+                    CoordinateSpring::default()
+                };
+                self.coordinates.push(slides(format!("{path}.spring.{i}"), m, 0.0, ground));
+            }
+            for i in 1..spec.spring_parts {
+                let own = first + i - 1;
+                let next = if i + 1 < spec.spring_parts { own + 1 } else { follower };
+                let path = format!("{path}.spring.{i}");
+                self.couplings.push(Coupling {
+                    path,
+                    ends: [own, next],
+                    stiffness_nm_per_rad: k,
+                    damping_nm_s_per_rad: c,
+                });
+            }
+        }
+        let sprocket = &self.sprockets[spec.sprocket];
+        let shape = TouchShape::Cam(CamTouch {
+            follower,
+            shaft: sprocket.coordinate,
+            axis: sprocket.frame.origin,
+            direction: unit(spec.direction_rad),
+            law: spec.law.clone(),
+            sense: 1.0,
+            offset_rad: 0.0,
+            base_m: spec.base_m,
+            roller_m: spec.roller_m,
+            lash_m: spec.lash_m,
+        });
+        let touch = |what: &str,
+                     shape: TouchShape,
+                     contact: &crate::drive::ContactSpec,
+                     friction: f64,
+                     bush_m: f64,
+                     body_m: f64| Touch {
+            path: format!("{path}.{what}"),
+            shape,
+            law: contact.law,
+            friction,
+            stick_speed_m_s: contact.stick_speed_m_s,
+            radii: PairRadii { bush_m, body_m },
+        };
+        let on_cam = touch("cam", shape, cam, cam.friction, spec.base_m, spec.roller_m.unwrap_or(f64::INFINITY));
+        let stop = TouchShape::Stop {
+            coordinate: follower,
+            limit: at_rest_m(seat.law, spec.spring_n),
+            sense: -1.0,
+            lever_m: 1.0,
+        };
+        let on_seat = touch("seat", stop, seat, 0.0, SEAT_RADIUS_M, f64::INFINITY);
+        self.touches.extend([on_cam, on_seat]);
+    }
+
+    /// Turns the cams so that they give full lift at their phases after the start of the recording, `run_in_s` after the shafts stand as in
+    /// `coordinates`, at nominal speeds.
+    pub fn set_cams(&mut self, drive: &Drive, coordinates: &[f64], run_in_s: f64) {
+        let phases: Vec<f64> = drive.valves.iter().flat_map(|v| v.phases_rad.iter().copied()).collect();
+        let cams = self.touches.iter_mut().filter_map(|t| match &mut t.shape {
+            TouchShape::Cam(cam) => Some(cam),
+            TouchShape::Stop { .. } | TouchShape::Tip { .. } => None,
+        });
+        // The driver may speed up while the drive is run in.
+        let driver_rad_s = self.sprockets[self.driver].nominal_speed_rad_s;
+        let turned_rad = self
+            .driver_motion
+            .as_ref()
+            .map_or(driver_rad_s.abs() * run_in_s, |motion| motion.turn_rad(0.0) - motion.turn_rad(-run_in_s));
+        for (cam, phase) in cams.zip(phases) {
+            let speed = self.coordinates[cam.shaft].nominal_speed_rad_s;
+            cam.sense = if speed < 0.0 { -1.0 } else { 1.0 };
+            let shaft_rad = turned_rad.abs() * (speed / driver_rad_s).abs();
+            cam.offset_rad = -(cam.sense * coordinates[cam.shaft] + shaft_rad + phase);
+        }
+    }
+
+    /// Turns the cams as those of another model of the same drive.
+    pub fn take_cams(&mut self, other: &Model) {
+        let theirs: Vec<(f64, f64)> = other.cams().map(|cam| (cam.sense, cam.offset_rad)).collect();
+        let cams = self.touches.iter_mut().filter_map(|t| match &mut t.shape {
+            TouchShape::Cam(cam) => Some(cam),
+            TouchShape::Stop { .. } | TouchShape::Tip { .. } => None,
+        });
+        for (cam, (sense, offset_rad)) in cams.zip(theirs) {
+            (cam.sense, cam.offset_rad) = (sense, offset_rad);
+        }
+    }
+
+    /// Coordinates of the masses of a valve's spring, from the head on.
+    pub fn spring_masses(&self, follower: usize) -> std::ops::Range<usize> {
+        let first = follower + 1;
+        let count = self.coordinates[first..]
+            .iter()
+            .take_while(|c| c.path.starts_with(&format!("{}.spring.", self.coordinates[follower].path)));
+        first..first + count.count()
+    }
+
+    /// Force of a valve's spring towards its seat where it has been lifted slowly [N].
+    pub fn valve_spring_n(&self, follower: usize, lift_m: f64) -> f64 {
+        let (own, masses) = (&self.coordinates[follower], self.spring_masses(follower));
+        if masses.is_empty() {
+            return -own.spring.force(lift_m) - own.load();
+        }
+        let stiffness = self.coordinates[masses.start].spring.stiffness / (masses.len() + 1) as f64;
+        stiffness * lift_m - own.load()
+    }
+
+    /// The cam of every valve.
+    pub fn cams(&self) -> impl Iterator<Item = &CamTouch> {
+        self.touches.iter().filter_map(|t| match &t.shape {
+            TouchShape::Cam(cam) => Some(cam),
+            TouchShape::Stop { .. } | TouchShape::Tip { .. } => None,
+        })
+    }
+}
+
+/// Radius of curvature of a valve's seat, for laws that depend on it [m]. assumed.
+const SEAT_RADIUS_M: f64 = 5e-3;
+const SEAT_RADII: PairRadii = PairRadii { bush_m: SEAT_RADIUS_M, body_m: f64::INFINITY };
+
+/// Depth of a valve in its seat under this force [m]: the seat lies so much higher, so that the resting valve has no lift and the lash is the gap.
+fn at_rest_m(law: ContactLaw, force_n: f64) -> f64 {
+    let (mut low, mut high) = (0.0, 1e-6);
+    while law.elastic(high, SEAT_RADII).force_n < force_n && high < 1.0 {
+        high *= 2.0;
+    }
+    for _ in 0..100 {
+        let middle = 0.5 * (low + high);
+        if law.elastic(middle, SEAT_RADII).force_n < force_n { low = middle } else { high = middle }
+    }
+    0.5 * (low + high)
+}
+
+fn slides(path: String, mass_kg: f64, load: f64, spring: CoordinateSpring) -> Coordinate {
+    Coordinate {
+        path,
+        kind: CoordinateKind::Slides,
+        motion: CoordinateMotion::Free { inertia: mass_kg, load },
+        spring,
+        nominal_speed_rad_s: 0.0,
+        reach_m: 1.0,
+        rest_load: 0.0,
+        is_held_at_rest: true,
+        is_run_in: false,
+    }
+}
