@@ -216,6 +216,26 @@ fn planted_causes_are_named_in_bush_drives() {
     causes.extend([
         cause(["sprockets.driver.gap_form=min".into()], "sprockets.driver", "seat_radius_m", -0.118e-3),
         cause(["preload.tension_n=230".into()], "chain", "tightening_n", -70.0),
+        // A wave of the gaps' places that is as large as half their play, and an order of the driver's speed: A w/sqrt 2, w 3 times 100 pi.
+        cause(
+            [
+                "effects.tooth_pitch_error.driver.amplitude_um=45".into(),
+                "effects.tooth_pitch_error.driver.order=4".into(),
+            ],
+            "sprockets.driver",
+            "place_wave_m",
+            45e-6,
+        ),
+        cause(
+            [
+                "speeds.constant.driver.orders=[3]".into(),
+                "speeds.constant.driver.amplitudes_deg=[0.078]".into(),
+                "speeds.constant.driver.phases_deg=[0]".into(),
+            ],
+            "sprockets.driver",
+            "driver_speed_scatter_rad_s",
+            0.078 / 180.0 * std::f64::consts::PI * 300.0 * std::f64::consts::PI / std::f64::consts::SQRT_2,
+        ),
         // Thin guides on pins: the mass of outer links is given, not computed.
         cause(["chain.bush.outer.mass_g=6.89".into()], "outer links", "mass_kg", 3.445e-3),
         cause(["chain.bush.outer.inertia_g_mm2=98".into()], "outer links", "inertia_kg_m2", 32.8e-9),

@@ -38,7 +38,9 @@ pub fn short_name(body: &BodyInfo) -> String {
 /// Which drive of a merged recording a body belongs to; None: the recording is of one drive.
 pub fn drive_of(body: &BodyInfo) -> Option<&str> {
     match body.path.split('.').next() {
-        Some("sprockets" | "guides" | "arms" | "sliders" | "housings" | "passages") | None => None,
+        Some("sprockets" | "guides" | "arms" | "sliders" | "housings" | "passages" | "valves" | "chains") | None => {
+            None
+        }
         drive => drive,
     }
 }

@@ -478,10 +478,12 @@ fn push_body_names(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel:
                 push_number(svg, &place, sheet.font, INK, &lines);
             }
         } else {
-            // A housing is named by its plunger.
-            if body.kind == BodyKind::Housing as u32 {
+            // A housing is named by its plunger, a cam by its valve.
+            if [BodyKind::Housing, BodyKind::Cam].iter().any(|kind| body.kind == *kind as u32) {
                 continue;
             }
+            // One of several valves has their name and a number.
+            let name = body.path.split_once("valves.").map_or(name, |(_, valve)| valve.replace('.', " "));
             let lines = [format!("{} {name}", BodyKind::name(body.kind))];
             let like = Rect::around_text(&lines, sheet.font, at);
             let inside = Rect { centre: at, half: [0.0; 2] }.is_inside(&taken.panel);

@@ -152,6 +152,16 @@ pub static SPEED: Measure = effect("speed_rad_s", "mean speed", ("faster", "slow
 /// What irregular impacts give a free shaft is a third of what counts.
 pub static SPEED_SCATTER: Measure =
     effect("speed_scatter_rad_s", "standard deviation of its speed", ("more", "less"), ("rpm", PI / 30.0), (0.3, 0.5));
+/// Share of its mean speed by which the speed of a driver varies that is not swept.
+const STEADY: f64 = 0.03;
+/// Of the driver, whose speed is given.
+pub static DRIVER_SPEED_SCATTER: Measure = property(
+    "driver_speed_scatter_rad_s",
+    "standard deviation of its speed",
+    ("more", "less"),
+    ("rpm", PI / 30.0),
+    (0.1, 0.1),
+);
 pub static OUTER_TORQUE: Measure =
     effect("outer_torque_nm", "mean torque of drive and load", ("more", "less"), TORQUE, (0.5, 0.05));
 pub static ARM_ANGLE: Measure =
@@ -249,7 +259,10 @@ pub fn measured(audit: &Audit, header: &Header) -> Vec<Measured> {
             put_one(&mut all, part, &ARM_ANGLE, *angle, None);
         } else {
             put_one(&mut all, part, &SPEED, *speed, None);
-            put_one(&mut all, part, &SPEED_SCATTER, *scatter, None);
+            // In a sweep it tells how long was recorded.
+            let is_steady = scatter.zip(*speed).is_some_and(|(s, mean)| s.value < STEADY * mean.value.abs());
+            let is_driver = spans.driver == Some(k) && is_steady;
+            put_one(&mut all, part, if is_driver { &DRIVER_SPEED_SCATTER } else { &SPEED_SCATTER }, *scatter, None);
             put_one(&mut all, part, &OUTER_TORQUE, *outer, None);
         }
     }

@@ -93,6 +93,11 @@ pub fn spans_of(frame: &Frame, header: &Header, topology: &Topology) -> Vec<(Spa
     found
 }
 
+type CrankAndRotors = (f64, Vec<f64>);
+
+/// Share of the crank's turn by which the driver's may differ: frames are rounded.
+const AS_THE_CRANK: f64 = 1e-6;
+
 /// Sums over spans, shafts and accounts.
 #[derive(Clone, Debug, Default)]
 pub struct SpanPass {
@@ -104,6 +109,8 @@ pub struct SpanPass {
     /// Speed, torque of chains and outer torque of each row of `rotors`, and its angle.
     turning: Vec<[Running; 4]>,
     ends: Option<((f64, Energy), (f64, Energy))>,
+    /// Angle of the crank and of each row of `rotors`, in the first frame and in the last [rad].
+    turned: Option<(CrankAndRotors, CrankAndRotors)>,
 }
 
 /// What the frames tell of spans, shafts and energies.
@@ -114,6 +121,8 @@ pub struct SpanFit {
     pub preload_n: Option<Estimate>,
     /// Speed, torque of chains, outer torque, angle of each row of `rotors`.
     pub turning: Vec<[Option<Estimate>; 4]>,
+    /// Row of the driver, which turns as the crank does; None where the recording is too short to tell.
+    pub driver: Option<usize>,
     /// Standard deviation of the speed of each [rad/s].
     pub speed_scatter: Vec<Option<Estimate>>,
     /// Change of each account per time [W].
@@ -137,8 +146,18 @@ impl SpanPass {
             let values = [r.speed_rad_s[k], r.chain_torque_nm[k], r.outer_torque_nm[k], r.angle_rad[k]];
             sums.iter_mut().zip(values).for_each(|(sum, value)| sum.add(value));
         }
+        let turned = (frame.crank_angle_rad, r.angle_rad.clone());
+        self.turned = Some((self.turned.take().map_or_else(|| turned.clone(), |(first, _)| first), turned));
         let now = (frame.t_s, frame.energy);
         self.ends = Some((self.ends.map_or(now, |(first, _)| first), now));
+    }
+
+    fn driver(&self) -> Option<usize> {
+        let ((from, before), (to, after)) = self.turned.as_ref()?;
+        let crank_rad = to - from;
+        let off = |k: &usize| ((after[*k] - before[*k]).abs() - crank_rad.abs()).abs();
+        let nearest = (0..after.len().min(before.len())).min_by(|a, b| off(a).total_cmp(&off(b)))?;
+        (off(&nearest) <= AS_THE_CRANK * crank_rad.abs()).then_some(nearest)
     }
 
     pub fn fit(&self) -> SpanFit {
@@ -151,6 +170,7 @@ impl SpanPass {
             axes: self.axes.clone(),
             preload_n: self.loop_n.estimate(),
             turning: self.turning.iter().map(|sums| std::array::from_fn(|i| sums[i].estimate())).collect(),
+            driver: self.driver(),
             speed_scatter: self.turning.iter().map(|sums| sums[0].scatter_estimate()).collect(),
             power_w,
         }
