@@ -271,6 +271,22 @@ fn branches_keep_their_cams() {
     assert!(full >= beside, "{full}");
 }
 
+/// Viewers move what lies below a body with it: no body that moves has another below its path. Cams and valves are drawn, all of them.
+#[test]
+fn no_body_lies_below_another() {
+    for name in ["gasoline-3cyl-bush", "tensioner-20-40", "v12"] {
+        let drive = common::bundled(name, &[]);
+        let model = pitchline::assemble::compile(&drive).unwrap_or_else(|e| panic!("{e}")).model;
+        let paths: Vec<String> =
+            pitchline::recording::capture::bodies(&drive, &model).into_iter().map(|b| b.path).collect();
+        let below = |a: &String, b: &String| a.strip_prefix(b.as_str()).is_some_and(|rest| rest.starts_with('.'));
+        let found: Vec<&String> = paths.iter().filter(|a| paths.iter().any(|b| below(a, b))).collect();
+        assert!(found.is_empty(), "{name}: {found:?}");
+        let drawn = |of: &str| paths.iter().filter(|p| p.starts_with(of)).count();
+        assert!(name != "gasoline-3cyl-bush" || (drawn("valves."), drawn("cams.")) == (6, 6));
+    }
+}
+
 #[test]
 fn what_cannot_be_is_refused_at_its_place() {
     let refused = |sets: &[&str]| parsed(VALVES, sets).map(|d| d.name).expect_err("accepted");

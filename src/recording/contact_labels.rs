@@ -38,9 +38,8 @@ pub fn short_name(body: &BodyInfo) -> String {
 /// Which drive of a merged recording a body belongs to; None: the recording is of one drive.
 pub fn drive_of(body: &BodyInfo) -> Option<&str> {
     match body.path.split('.').next() {
-        Some("sprockets" | "guides" | "arms" | "sliders" | "housings" | "passages" | "valves" | "chains") | None => {
-            None
-        }
+        Some("sprockets" | "guides" | "arms" | "sliders" | "housings" | "passages" | "valves" | "cams" | "chains")
+        | None => None,
         drive => drive,
     }
 }

@@ -36,7 +36,8 @@ fn cam_body(spec: &ValveSpec, number: usize, cam: &CamTouch) -> BodyInfo {
     let side = |i: u32| outline_element(&Element::Line { start: corner(i), end: corner(i + 1) });
     let path = spec.path(number);
     BodyInfo {
-        path: format!("{path}.cam"),
+        // Not below its valve: viewers move what lies below a body with it.
+        path: path.replacen("valves.", "cams.", 1),
         coordinate: Some(cam.shaft as u32),
         x_m: cam.axis.x,
         y_m: cam.axis.y,
