@@ -80,7 +80,7 @@ impl ValveSpec {
 
     /// Mass that moves with the valve [kg].
     pub fn moved_kg(&self) -> f64 {
-        // Of a spring in parts the last part's half goes with the valve; the rest stands in masses of its own, and the first half with the head.
+        // A spring in parts has a mass at each joint of two parts. Half a part is left at each end: one moves with the valve, one stands in the head.
         let share = if self.spring_parts == 1 { 1.0 / 3.0 } else { 0.5 / self.spring_parts as f64 };
         self.mass_kg + share * self.spring_mass_kg
     }

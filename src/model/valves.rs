@@ -36,7 +36,7 @@ impl Model {
         self.coordinates.push(slides(path.clone(), spec.moved_kg(), preload_n, spring));
         if !is_whole {
             let (k, m) = (parts * spec.spring_n_per_m, spec.spring_mass_kg / parts);
-            // Of a spring held at both ends, which is what surge is: damping by stiffness.
+            // A spring that surges is held at both ends; its dampers are in proportion to its springs.
             let first_rad_s = 2.0 * libm::sqrt(k / m) * libm::sin(0.5 * PI / parts);
             let c = 2.0 * spec.spring_damping * k / first_rad_s;
             let first = self.coordinates.len();
@@ -102,17 +102,13 @@ impl Model {
     /// `coordinates`, at nominal speeds.
     pub fn set_cams(&mut self, drive: &Drive, coordinates: &[f64], run_in_s: f64) {
         let phases: Vec<f64> = drive.valves.iter().flat_map(|v| v.phases_rad.iter().copied()).collect();
-        let cams = self.touches.iter_mut().filter_map(|t| match &mut t.shape {
-            TouchShape::Cam(cam) => Some(cam),
-            TouchShape::Stop { .. } | TouchShape::Tip { .. } => None,
-        });
         // The driver may speed up while the drive is run in.
         let driver_rad_s = self.sprockets[self.driver].nominal_speed_rad_s;
         let turned_rad = self
             .driver_motion
             .as_ref()
             .map_or(driver_rad_s.abs() * run_in_s, |motion| motion.turn_rad(0.0) - motion.turn_rad(-run_in_s));
-        for (cam, phase) in cams.zip(phases) {
+        for (cam, phase) in cams_mut(&mut self.touches).zip(phases) {
             let speed = self.coordinates[cam.shaft].nominal_speed_rad_s;
             cam.sense = if speed < 0.0 { -1.0 } else { 1.0 };
             let shaft_rad = turned_rad.abs() * (speed / driver_rad_s).abs();
@@ -123,11 +119,7 @@ impl Model {
     /// Turns the cams as those of another model of the same drive.
     pub fn take_cams(&mut self, other: &Model) {
         let theirs: Vec<(f64, f64)> = other.cams().map(|cam| (cam.sense, cam.offset_rad)).collect();
-        let cams = self.touches.iter_mut().filter_map(|t| match &mut t.shape {
-            TouchShape::Cam(cam) => Some(cam),
-            TouchShape::Stop { .. } | TouchShape::Tip { .. } => None,
-        });
-        for (cam, (sense, offset_rad)) in cams.zip(theirs) {
+        for (cam, (sense, offset_rad)) in cams_mut(&mut self.touches).zip(theirs) {
             (cam.sense, cam.offset_rad) = (sense, offset_rad);
         }
     }
@@ -175,6 +167,13 @@ fn at_rest_m(law: ContactLaw, force_n: f64) -> f64 {
         if law.elastic(middle, SEAT_RADII).force_n < force_n { low = middle } else { high = middle }
     }
     0.5 * (low + high)
+}
+
+fn cams_mut(touches: &mut [Touch]) -> impl Iterator<Item = &mut CamTouch> {
+    touches.iter_mut().filter_map(|t| match &mut t.shape {
+        TouchShape::Cam(cam) => Some(cam),
+        TouchShape::Stop { .. } | TouchShape::Tip { .. } => None,
+    })
 }
 
 fn slides(path: String, mass_kg: f64, load: f64, spring: CoordinateSpring) -> Coordinate {

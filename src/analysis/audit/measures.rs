@@ -154,7 +154,7 @@ pub static SPEED_SCATTER: Measure =
     effect("speed_scatter_rad_s", "standard deviation of its speed", ("more", "less"), ("rpm", PI / 30.0), (0.3, 0.5));
 /// Share of its mean speed by which the speed of a driver varies that is not swept.
 const STEADY: f64 = 0.03;
-/// Of the driver, whose speed is given.
+/// The drive file prescribes the speed of the driver: what varies in it is a property of the drive.
 pub static DRIVER_SPEED_SCATTER: Measure = property(
     "driver_speed_scatter_rad_s",
     "standard deviation of its speed",
