@@ -2,6 +2,8 @@
 
 pub mod arrivals;
 pub mod audit;
+pub mod blame;
+pub mod compared_impacts;
 pub mod diff;
 pub mod explain;
 pub mod mode_shapes;

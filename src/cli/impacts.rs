@@ -1,7 +1,11 @@
 //! `pitchline impacts`: every impact of a recording, and what stands out among them.
 
 use super::{Answer, Failure, Outcome, answer};
-use crate::analysis::suspects::{Common, FoundSuspects, Suspect, against, common, suspects};
+use crate::analysis::audit::findings::difference;
+use crate::analysis::audit::{Audit, Finding, audit, compared, findings};
+use crate::analysis::blame::with_causes;
+use crate::analysis::compared_impacts::{Common, against, common};
+use crate::analysis::suspects::{FoundSuspects, Suspect, suspects};
 use crate::recording::frame::{Feature, Header, Impact, Segment};
 use crate::recording::places::Loops;
 use crate::recording::reader::{Entry, Flow, FrameHead, Reader, WHOLE, Wanted};
@@ -60,7 +64,7 @@ pub fn run(args: &ImpactsArgs) -> Result<Outcome, Failure> {
     let (all, heads) = read(&mut reader)?;
     let mut other = args.against.as_deref().map(super::open_recording).transpose()?;
     let (verdict, common) = match &mut other {
-        None => (suspects(&all, &header, span(&heads)).with_many_told(), None),
+        None => (suspects(&all, &header, span(&heads)), None),
         Some(other) => {
             let (their, their_heads) = read(other)?;
             let common = in_common(args, (&heads, &their_heads), &header)?;
@@ -68,6 +72,8 @@ pub fn run(args: &ImpactsArgs) -> Result<Outcome, Failure> {
             (against(own, (&their, other.header(), span(&their_heads)), &common), Some(common))
         }
     };
+    let measured = measured(&mut reader, other.as_mut())?;
+    let verdict = with_causes(verdict, &measured, &header).with_many_told();
     let suspects = &verdict.suspects;
     let mut list: Vec<(usize, &Impact)> = all
         .iter()
@@ -93,14 +99,40 @@ pub fn run(args: &ImpactsArgs) -> Result<Outcome, Failure> {
             "compared": common,
             "links_take_s": verdict.links_take_s,
             "suspects": suspects.iter().map(|s| suspect_json(s, &all, &header)).collect::<Vec<_>>(),
+            "measured": measured.first(),
             "differences": verdict.differences.iter().map(|s| suspect_json(s, &all, &header)).collect::<Vec<_>>(),
             "impacts": list.iter().map(|(n, i)| json(*n, i, &header, &heads, &args.recording)).collect::<Vec<_>>(),
         }))
     } else {
-        Answer::Text(text(&args.recording, &header, &heads, &list, (n_found, &all), &verdict, common.as_ref()))
+        Answer::Text(text(
+            &args.recording,
+            &header,
+            &heads,
+            &list,
+            (n_found, &all),
+            (&verdict, &measured),
+            common.as_ref(),
+        ))
     };
     let readers: Vec<&Reader> = std::iter::once(&reader).chain(&other).collect();
     answer(&readers, found, Outcome::Done)
+}
+
+/// What frames measure of the parts, where there are enough of them, of one drive, with forces.
+fn measured(reader: &mut Reader, other: Option<&mut Reader>) -> Result<Vec<Finding>, Failure> {
+    let header = reader.header().clone();
+    if header.is_merged() {
+        return Ok(Vec::new());
+    }
+    let Ok(own) = audit(reader)? else { return Ok(Vec::new()) };
+    let good = match other {
+        Some(other) if difference(&header, other.header()).is_none() => {
+            audit(other)?.ok().map(|good| (good, other.header()))
+        }
+        _ => None,
+    };
+    let of = |(good, good_header): (Audit, &Header)| compared(&own, &header, &good, good_header);
+    Ok(good.map_or_else(|| findings(&own, &header), of))
 }
 
 /// Time of a recording's frames [s].
@@ -229,7 +261,7 @@ fn text(
     heads: &[FrameHead],
     list: &[(usize, &Impact)],
     (found, all): (usize, &[Impact]),
-    verdict: &FoundSuspects,
+    (verdict, measured): (&FoundSuspects, &[Finding]),
     common: Option<&Common>,
 ) -> String {
     let suspects = &verdict.suspects;
@@ -276,6 +308,7 @@ fn text(
     }
     if suspects.is_empty() {
         lines.push("what stands out: nothing".into());
+        lines.extend(measured.first().map(|f| format!("  but the frames tell (`audit`): {}", f.text)));
     } else {
         lines.push("what stands out:".into());
         lines.extend(suspects.iter().take(SUSPECTS).flat_map(suspect_text));
@@ -314,7 +347,10 @@ const SHADOWS: usize = 6;
 
 /// A suspect, and what stands out because of it alone.
 fn suspect_text(suspect: &Suspect) -> Vec<String> {
-    let mut lines = vec![format!("  {}", suspect.text)];
+    let mut lines = match &suspect.cause {
+        Some(cause) => vec![format!("  {}", cause.text), format!("    shows as {}", suspect.text)],
+        None => vec![format!("  {}", suspect.text)],
+    };
     let n = suspect.shadows.len();
     if n > 0 {
         let shown = suspect.shadows.iter().take(SHADOWS).cloned().collect::<Vec<_>>().join(", ");

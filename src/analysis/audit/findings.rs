@@ -4,15 +4,14 @@
 //! by its difference; over the largest of scatter, error of the fit and an eighth of the difference that counts, and of whole groups over the latter alone. From a score of
 //! [`SCORE`] on it is a finding. What is the same in most parts of a group is one finding about the group.
 
+use super::contours::{gap_forms, guide_heights, rail_places};
 use super::measures::{
-    AXES, AuditPart, CLEARANCE, ECCENTRICITY, GAP_FORM, GUIDE_HEIGHT, JOINT_STIFFNESS, Measure, MeasureKind, Measured,
-    OUTWARD, PITCH, PLACE_WAVE, PRELOAD, RING_ECCENTRICITY, TENSION, TIGHTENING, TOUCHED, measured,
+    AXES, AuditPart, CLEARANCE, ECCENTRICITY, GAP_FORM, JOINT_STIFFNESS, Measure, MeasureKind, Measured, OUTWARD,
+    PITCH, PLACE_WAVE, PRELOAD, RING_ECCENTRICITY, TENSION, TIGHTENING, TOUCHED, measured,
 };
 use super::{Audit, Estimate};
 use crate::diag::last_name;
-use crate::geometry::Vec2;
-use crate::geometry::profile::Element;
-use crate::recording::frame::{Header, Outline, Segment};
+use crate::recording::frame::Header;
 use crate::statistics::{median, middle};
 use std::collections::BTreeMap;
 
@@ -25,9 +24,6 @@ const LARGEST_SCORE: f64 = 1e6;
 const NEIGHBOURS: usize = 6;
 /// Share of a group beyond which a common difference is one of the group.
 const MOST: f64 = 0.6;
-/// An axis that moves turns the line of its span: a guide counts as higher only from this share of that way on. assumed: its ends lie in the
-/// first and last third of their span.
-const LEANS: f64 = 0.3;
 /// A gap counts as never seated if the others are, in at least this share of the frames in which a joint lies over them. Measured:
 /// 0.4 to 0.9 in the bundled drives; 0 in silent chains, whose flanks touch instead.
 const SEATED: f64 = 0.2;
@@ -122,7 +118,8 @@ pub fn compared(audit: &Audit, header: &Header, good: &Audit, good_header: &Head
         }
         found.extend(judged.finding(m, header).map(|f| with_more(f, m, audit, (header, good_header))));
     }
-    found.extend(guide_heights(audit, header, good_header, moved_m));
+    found.extend(guide_heights(audit, (header, good_header), moved_m));
+    found.extend(rail_places(audit, good, header, good_header));
     found.extend(gap_forms(audit, header, good_header));
     found.extend(tightening(&found, (&all, &theirs), header));
     let own = findings(audit, header);
@@ -203,7 +200,7 @@ impl Measure {
     }
 
     /// The size of a difference with its unit.
-    fn size(&self, difference: f64) -> String {
+    pub fn size(&self, difference: f64) -> String {
         let (unit, size) = self.unit;
         format!("{} {unit}", rough(difference.abs() / size)).trim_end().to_string()
     }
@@ -233,14 +230,14 @@ fn rough(value: f64) -> String {
 
 /// What a number is compared with.
 #[derive(Clone, Copy, Debug)]
-struct Judged {
-    reference: f64,
-    scatter: f64,
-    against: &'static str,
+pub(super) struct Judged {
+    pub reference: f64,
+    pub scatter: f64,
+    pub against: &'static str,
 }
 
 impl Judged {
-    fn finding(&self, m: &Measured, header: &Header) -> Option<Finding> {
+    pub fn finding(&self, m: &Measured, header: &Header) -> Option<Finding> {
         let difference = m.estimate.value - self.reference;
         let least = m.measure.smallest(self.reference);
         let score = difference.abs() / self.scatter.max(m.estimate.error).max(least / SCORE).max(1e-300);
@@ -440,148 +437,6 @@ fn tightening(found: &[Finding], (all, theirs): (&[Measured], &[Measured]), head
         finding.score
     );
     Some(finding)
-}
-
-/// How far straight faces stand above those of the other recording: over the line that touches both pitch circles of their span, so that a
-/// sprocket that was moved to tighten the chain does not count.
-fn guide_heights(audit: &Audit, header: &Header, good: &Header, moved_m: f64) -> Vec<Finding> {
-    let mut found = Vec::new();
-    // Drives of several chains have pitches that the guides do not tell apart.
-    if good.chains().len() > 1 {
-        return found;
-    }
-    let pitch_m = median(good.links.iter().map(|l| l.pitch_m));
-    for guide in &audit.guides {
-        let Some(path) = header.bodies.get(guide.body).map(|b| &b.path) else { continue };
-        let (Some(other), Some(face)) = (good.bodies.iter().find(|b| b.path == *path), guide.face) else { continue };
-        let (Some(own_line), Some(line)) = (tangent_near(header, face, pitch_m), tangent_near(good, face, pitch_m))
-        else {
-            continue;
-        };
-        let (sin, cos) = crate::units::sin_cos(other.angle_rad);
-        let towards_chain = Vec2::new(-sin, cos);
-        let height = |p: [f64; 2]| {
-            let p = Vec2::new(p[0], p[1]);
-            let own = (p - own_line.0).dot(&own_line.1);
-            // The face of the other recording is the x-axis of its guide, at the same way along it.
-            let origin = Vec2::new(other.x_m, other.y_m);
-            let there = p - towards_chain * (p - origin).dot(&towards_chain);
-            let theirs = (there - line.0).dot(&line.1);
-            (own - theirs) * line.1.dot(&towards_chain).signum()
-        };
-        let ends = face.map(height);
-        let larger = if ends[0].abs() > ends[1].abs() { 0 } else { 1 };
-        // Axes that moved turn the line of the span.
-        if ends[larger].abs() < LEANS * moved_m {
-            continue;
-        }
-        let estimate = Estimate { value: ends[larger], error: 0.0, samples: guide.touched };
-        let m = Measured {
-            part: AuditPart::Body(guide.body),
-            measure: &GUIDE_HEIGHT,
-            estimate,
-            declared: None,
-            group: None,
-        };
-        let judged = Judged { reference: 0.0, scatter: 0.0, against: "recording" };
-        if let Some(mut finding) = judged.finding(&m, header) {
-            let word = |height: f64| if height > 0.0 { "higher" } else { "lower" };
-            let at = |end: usize| if end == 0 { "start" } else { "end" };
-            finding.text = format!(
-                "{path}: where links touch it near its {}, its face stands {} {} than in the other recording, {} {} near its {} (score {:.0})",
-                at(larger),
-                GUIDE_HEIGHT.size(ends[larger]),
-                word(ends[larger]),
-                GUIDE_HEIGHT.size(ends[1 - larger]),
-                word(ends[1 - larger]),
-                at(1 - larger),
-                finding.score
-            );
-            found.push(finding);
-        }
-    }
-    found
-}
-
-/// The line that touches the pitch circles of two sprockets and lies nearest to a face: a point of it, and its normal.
-fn tangent_near(header: &Header, face: [[f64; 2]; 2], pitch_m: f64) -> Option<(Vec2, Vec2)> {
-    let middle = Vec2::new(0.5 * (face[0][0] + face[1][0]), 0.5 * (face[0][1] + face[1][1]));
-    let sprockets: Vec<(Vec2, f64)> = header
-        .bodies
-        .iter()
-        .filter(|b| b.rotor && b.teeth > 0)
-        .map(|b| {
-            let half = crate::units::sin_cos(std::f64::consts::PI / f64::from(b.teeth)).0;
-            (Vec2::new(b.x_m, b.y_m), 0.5 * pitch_m / half)
-        })
-        .collect();
-    let mut lines = Vec::new();
-    for (k, (a, radius)) in sprockets.iter().enumerate() {
-        for (b, other) in sprockets.iter().skip(k + 1) {
-            let between = b - a;
-            let distance = between.norm();
-            for (own, theirs) in [(1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)] {
-                // n . (b - a) = theirs r_b - own r_a: the normal stands so far from the line of the axes.
-                let lean = (theirs * other - own * radius) / distance;
-                if lean.abs() >= 1.0 {
-                    continue;
-                }
-                let along = between / distance;
-                let normal = along * lean + Vec2::new(-along.y, along.x) * (1.0 - lean * lean).sqrt();
-                lines.push((a + normal * (own * radius), normal));
-            }
-        }
-    }
-    lines.into_iter().min_by(|a, b| (middle - a.0).dot(&a.1).abs().total_cmp(&(middle - b.0).dot(&b.1).abs()))
-}
-
-/// Where the gaps of a sprocket lie off the contour that the other recording declares, by the part of the gap that links touch.
-fn gap_forms(audit: &Audit, header: &Header, good: &Header) -> Vec<Finding> {
-    let mut found = Vec::new();
-    for (body, fit) in audit.sprockets.iter().enumerate() {
-        let Some(path) = header.bodies.get(body).map(|b| &b.path) else { continue };
-        let other = good.bodies.iter().find(|b| b.path == *path).and_then(|b| b.outline.as_ref());
-        let Some(elements) = other.map(elements).filter(|e| !e.is_empty()) else { continue };
-        let off = |(point, normal): ([f64; 2], [f64; 2])| {
-            let (point, normal) = (Vec2::new(point[0], point[1]), Vec2::new(normal[0], normal[1]));
-            let feet = elements.iter().map(|e| e.closest(point).point);
-            let nearest = feet.min_by(|a, b| (a - point).norm().total_cmp(&(b - point).norm()))?;
-            Some((point - nearest).dot(&normal))
-        };
-        let forms = fit.forms.iter().filter(|f| f.samples >= 10 * TOUCHED);
-        let offs = forms.flat_map(|form| {
-            form.places().into_iter().filter_map(|place| Some((off(place)?, form))).collect::<Vec<_>>()
-        });
-        let Some((value, form)) = offs.max_by(|a, b| a.0.abs().total_cmp(&b.0.abs())) else { continue };
-        let estimate = Estimate { value, error: 0.0, samples: form.samples };
-        let m = Measured { part: AuditPart::Body(body), measure: &GAP_FORM, estimate, declared: None, group: None };
-        if let Some(mut finding) = (Judged { reference: 0.0, scatter: 0.0, against: "recording" }).finding(&m, header) {
-            finding.text = format!(
-                "{path}: the {} of its gaps lies up to {} {} than the contour that the other recording declares (score {:.0})",
-                Segment::name(form.segment),
-                GAP_FORM.size(value),
-                if value > 0.0 { GAP_FORM.more } else { GAP_FORM.less },
-                finding.score
-            );
-            found.push(finding);
-        }
-    }
-    found
-}
-
-/// A contour of a header, in the geometry's own terms.
-fn elements(outline: &Outline) -> Vec<Element> {
-    let of = |e: &crate::recording::frame::OutlineElement| {
-        let (start, end) = (Vec2::new(e.start_x_m, e.start_y_m), Vec2::new(e.end_x_m, e.end_y_m));
-        let centre = Vec2::new(e.centre_x_m, e.centre_y_m);
-        if e.radius_m > 0.0 {
-            let start_rad = crate::units::atan2(start.y - centre.y, start.x - centre.x);
-            Element::Arc { centre, radius_m: e.radius_m, start_rad, sweep_rad: e.sweep_rad }
-        } else {
-            Element::Line { start, end }
-        }
-    };
-    outline.elements.iter().map(of).collect()
 }
 
 /// What differs between two recordings that are of two drives; None: they are of one.

@@ -17,8 +17,23 @@ struct GuideSums {
     force_n: f64,
     /// Force of the chain over way, speed and acceleration of a guide that one way shifts.
     mount: NormalEquations<3>,
+    points: Vec<TouchedPoint>,
+    /// Every so many contacts one is kept; contacts so far.
+    stride: usize,
+    contacts: usize,
     touched: usize,
     frames: usize,
+}
+
+/// Contacts of a guide that are kept at most.
+const POINTS: usize = 512;
+
+/// A point of a contour and its outward normal there, in the frame of its body.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct TouchedPoint {
+    /// [m]
+    pub point: [f64; 2],
+    pub normal: [f64; 2],
 }
 
 /// What the frames tell of a guide.
@@ -34,6 +49,7 @@ pub struct GuideFit {
     pub mount_compliance_m_per_n: Option<Estimate>,
     /// Two points of a straight face, where contacts begin and end along it, in the world [m].
     pub face: Option<[[f64; 2]; 2]>,
+    pub points: Vec<TouchedPoint>,
     pub touched: usize,
 }
 
@@ -55,6 +71,9 @@ impl GuidePass {
             to_m: f64::NEG_INFINITY,
             force_n: 0.0,
             mount: NormalEquations::default(),
+            points: Vec::new(),
+            stride: 1,
+            contacts: 0,
             touched: 0,
             frames: 0,
         };
@@ -72,7 +91,8 @@ impl GuidePass {
                 let (row, s) = (shift.slider as usize, &frame.sliders);
                 sums.mount.add([s.position_m[row], s.speed_m_s[row], s.acceleration_m_s2[row]], s.chain_force_n[row]);
             }
-            for row in (0..c.link.len()).filter(|row| c.body[*row] as usize == sums.body) {
+            let body = sums.body;
+            for row in (0..c.link.len()).filter(|row| c.body[*row] as usize == body) {
                 sums.force_n += c.normal_force_n[row];
                 if !c.stick[row] && c.normal_force_n[row] > 0.0 {
                     sums.friction.add([c.normal_force_n[row]], c.tangential_force_n[row].abs());
@@ -84,9 +104,11 @@ impl GuidePass {
                 if c.instant_force_n[row] > 0.0 {
                     sums.law.add(c.penetration_m[row], c.normal_speed_m_s[row], c.instant_force_n[row]);
                 }
+                let turned_back = |at: [f64; 2]| [at[0] * cos + at[1] * sin, at[1] * cos - at[0] * sin];
+                let point = turned_back([c.point_body_x_m[row] - origin[0], c.point_body_y_m[row] - origin[1]]);
+                sums.keep(TouchedPoint { point, normal: turned_back([c.normal_x[row], c.normal_y[row]]) });
                 if c.segment[row] == Segment::GuideFace as u32 {
-                    let at = [c.point_body_x_m[row] - origin[0], c.point_body_y_m[row] - origin[1]];
-                    let (x, y) = (at[0] * cos + at[1] * sin, at[1] * cos - at[0] * sin);
+                    let [x, y] = point;
                     sums.face.add([1.0, x], y);
                     (sums.from_m, sums.to_m) = (sums.from_m.min(x), sums.to_m.max(x));
                 }
@@ -101,6 +123,22 @@ impl GuidePass {
 }
 
 impl GuideSums {
+    /// Keeps contacts that lie evenly over the recording.
+    fn keep(&mut self, touched: TouchedPoint) {
+        if self.contacts % self.stride == 0 {
+            self.points.push(touched);
+        }
+        self.contacts += 1;
+        if self.points.len() > POINTS {
+            self.stride *= 2;
+            let mut number = 0;
+            self.points.retain(|_| {
+                number += 1;
+                number % 2 == 1
+            });
+        }
+    }
+
     fn fit(&self, header: &Header) -> GuideFit {
         let friction = self.friction.solve(0.0);
         let info = &header.bodies[self.body];
@@ -130,6 +168,7 @@ impl GuideSums {
             force_n: Some(Estimate { value: self.force_n / frames as f64, error: 0.0, samples: frames }),
             mount_compliance_m_per_n: mount,
             face,
+            points: self.points.clone(),
             touched: self.touched,
         }
     }

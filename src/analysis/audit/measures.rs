@@ -138,6 +138,13 @@ pub static MOUNT_COMPLIANCE: Measure = property(
 );
 pub static GUIDE_FRICTION: Measure = property("friction", "friction", ("more", "less"), ("", 1.0), (0.005, 0.1));
 pub static GUIDE_HEIGHT: Measure = property("height_m", "height of its face", ("high", "low"), UM, (15e-6, 0.0));
+pub static RAIL_PLACE: Measure = property(
+    "place_m",
+    "place of its contour",
+    ("further towards the chain", "further off the chain"),
+    UM,
+    (15e-6, 0.0),
+);
 pub static GUIDE_FORCE: Measure = effect("force_n", "mean force of the chain", ("more", "less"), NEWTON, (5.0, 0.3));
 pub static PRELOAD: Measure = Measure {
     kind: MeasureKind::Assembly,

@@ -4,6 +4,7 @@
 //! arms, joints, tooth gaps, guides and spans. Nothing is read from the drive's text. What the header declares is only compared with.
 //! A number of a part is a [`Measured`]; what is measured of which part is a row of [`measures`].
 
+mod contours;
 pub mod findings;
 pub mod gaps;
 pub mod guides;

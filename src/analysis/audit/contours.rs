@@ -1,0 +1,357 @@
+//! Where the contours that links touch stand, against those that another recording of the drive declares.
+//!
+//! Every contact tells a point p of a contour and its normal n there. Against the nearest point q of the declared contour the touched one is off by
+//! d = (p - q) . n. A contour that is shifted by t and keeps its form has d = t . n: least squares over the touched points tell t, and what they leave
+//! tells whether the form is another.
+
+use super::findings::{Finding, Judged};
+use super::gaps::SprocketFit;
+use super::guides::{GuideFit, TouchedPoint};
+use super::least_squares::NormalEquations;
+use super::measures::{AuditPart, GAP_FORM, GUIDE_HEIGHT, Measure, Measured, RAIL_PLACE, TOUCHED};
+use super::{Audit, Estimate};
+use crate::geometry::Vec2;
+use crate::geometry::profile::Element;
+use crate::recording::frame::{BodyInfo, BodyKind, Header, Outline, Segment};
+use crate::statistics::median;
+
+/// An axis that moves turns the line of its span: a guide counts as higher only from this share of that way on. assumed: its ends lie in the
+/// first and last third of their span.
+const LEANS: f64 = 0.3;
+/// Share of what contours are off that a shift of them leaves at most, to be told as one.
+const LEFT: f64 = 0.25;
+/// Share of each column that holds a shift at zero where normals do not tell it.
+const RIDGE: f64 = 1e-6;
+
+/// How far a contour stands off another.
+#[derive(Clone, Copy, Debug)]
+struct ContourShift {
+    /// In the frame of the other contour [m].
+    shift: Vec2,
+    /// Mean of the normals.
+    along: Vec2,
+    /// Root mean square of what contours are off, and of what the shift leaves [m].
+    off_m: f64,
+    left_m: f64,
+    samples: usize,
+}
+
+/// The shift that explains how far points, with the normals there, are off a contour.
+fn shift_of(touched: &[(Vec2, Vec2)], elements: &[Element]) -> Option<ContourShift> {
+    let (mut sums, mut along) = (NormalEquations::<2>::default(), Vec2::zeros());
+    for (point, normal) in touched {
+        sums.add([normal.x, normal.y], off(*point, *normal, elements)?);
+        along += normal;
+    }
+    let solved = sums.solve(RIDGE)?;
+    let n = sums.samples as f64;
+    Some(ContourShift {
+        shift: Vec2::new(solved.value[0], solved.value[1]),
+        along: along / along.norm().max(1e-12),
+        off_m: (sums.yy / n).sqrt(),
+        left_m: solved.residual,
+        samples: sums.samples,
+    })
+}
+
+/// How far a point stands off a contour, along the normal there.
+fn off(point: Vec2, normal: Vec2, elements: &[Element]) -> Option<f64> {
+    let feet = elements.iter().map(|e| e.closest(point).point);
+    let nearest = feet.min_by(|a, b| (a - point).norm().total_cmp(&(b - point).norm()))?;
+    Some((point - nearest).dot(&normal))
+}
+
+/// A point and a direction that stand in the frame of a body at rest, in the world; and back.
+fn to_world(info: &BodyInfo, at: [f64; 2], is_point: bool) -> Vec2 {
+    let (sin, cos) = crate::units::sin_cos(info.angle_rad);
+    let turned = Vec2::new(at[0] * cos - at[1] * sin, at[0] * sin + at[1] * cos);
+    if is_point { turned + Vec2::new(info.x_m, info.y_m) } else { turned }
+}
+
+fn to_body(info: &BodyInfo, at: Vec2, is_point: bool) -> Vec2 {
+    let (sin, cos) = crate::units::sin_cos(info.angle_rad);
+    let at = if is_point { at - Vec2::new(info.x_m, info.y_m) } else { at };
+    Vec2::new(at.x * cos + at.y * sin, at.y * cos - at.x * sin)
+}
+
+/// A finding that a contour stands elsewhere than in the other recording.
+fn told(
+    (part, measure): (AuditPart, &'static Measure),
+    (value, samples): (f64, usize),
+    header: &Header,
+    text: String,
+) -> Option<Finding> {
+    let estimate = Estimate { value, error: 0.0, samples };
+    let m = Measured { part, measure, estimate, declared: None, group: None };
+    let mut finding = Judged { reference: 0.0, scatter: 0.0, against: "recording" }.finding(&m, header)?;
+    finding.text = format!("{text} (score {:.0})", finding.score);
+    Some(finding)
+}
+
+fn path_of(header: &Header, body: usize) -> &str {
+    header.bodies.get(body).map_or("", |b| b.path.as_str())
+}
+
+fn higher(height: f64) -> &'static str {
+    if height > 0.0 { "higher" } else { "lower" }
+}
+
+/// How far straight guides stand above those of the other recording: over the line that touches both pitch circles of their span, so that a
+/// sprocket that was moved to tighten the chain does not count.
+pub fn guide_heights(audit: &Audit, (header, good): (&Header, &Header), moved_m: f64) -> Vec<Finding> {
+    // Drives of several chains have pitches that the guides do not tell apart.
+    if good.chains().len() > 1 {
+        return Vec::new();
+    }
+    let pitch_m = median(good.links.iter().map(|l| l.pitch_m));
+    let of = |guide: &GuideFit| {
+        let info = header.bodies.get(guide.body)?;
+        let other = good.bodies.iter().find(|b| b.path == info.path)?;
+        let straight = info.kind == BodyKind::Guide as u32 && !info.moves();
+        match guide.face {
+            Some(face) => face_height(guide, face, (header, good, other), (pitch_m, moved_m)),
+            None if !straight => None,
+            None if guide.points.len() >= TOUCHED => {
+                end_height(guide, (header, info), (good, other), (pitch_m, moved_m))
+            }
+            None => untouched_height(guide, (header, info), (good, other), (pitch_m, moved_m)),
+        }
+    };
+    audit.guides.iter().filter_map(of).collect()
+}
+
+/// Of a guide whose face links touch.
+fn face_height(
+    guide: &GuideFit,
+    face: [[f64; 2]; 2],
+    (header, good, other): (&Header, &Header, &BodyInfo),
+    (pitch_m, moved_m): (f64, f64),
+) -> Option<Finding> {
+    let (own_line, line) = (tangent_near(header, face, pitch_m)?, tangent_near(good, face, pitch_m)?);
+    let towards_chain = to_world(other, [0.0, 1.0], false);
+    let height = |p: [f64; 2]| {
+        let p = Vec2::new(p[0], p[1]);
+        let own = (p - own_line.0).dot(&own_line.1);
+        // The face of the other recording is the x-axis of its guide, at the same way along it.
+        let origin = Vec2::new(other.x_m, other.y_m);
+        let there = p - towards_chain * (p - origin).dot(&towards_chain);
+        let theirs = (there - line.0).dot(&line.1);
+        (own - theirs) * line.1.dot(&towards_chain).signum()
+    };
+    let ends = face.map(height);
+    let larger = if ends[0].abs() > ends[1].abs() { 0 } else { 1 };
+    // Axes that moved turn the line of the span.
+    if ends[larger].abs() < LEANS * moved_m {
+        return None;
+    }
+    let at = |end: usize| if end == 0 { "start" } else { "end" };
+    let text = format!(
+        "{}: where links touch it near its {}, its face stands {} {} than in the other recording, {} {} near its {}",
+        path_of(header, guide.body),
+        at(larger),
+        GUIDE_HEIGHT.size(ends[larger]),
+        higher(ends[larger]),
+        GUIDE_HEIGHT.size(ends[1 - larger]),
+        higher(ends[1 - larger]),
+        at(1 - larger),
+    );
+    told((AuditPart::Body(guide.body), &GUIDE_HEIGHT), (ends[larger], guide.touched), header, text)
+}
+
+/// Of a guide whose roundings alone links touch: a face that is higher by h moves a point of a rounding, with the normal n there, by h n_y off its
+/// place.
+fn end_height(
+    guide: &GuideFit,
+    (header, info): (&Header, &BodyInfo),
+    (good, other): (&Header, &BodyInfo),
+    (pitch_m, moved_m): (f64, f64),
+) -> Option<Finding> {
+    let elements = elements(other.outline.as_ref()?);
+    let towards_chain = to_world(other, [0.0, 1.0], false);
+    let mut sums = NormalEquations::<1>::default();
+    for TouchedPoint { point, normal } in &guide.points {
+        let (p, n) = (to_world(info, *point, true), to_body(other, to_world(info, *normal, false), false));
+        let at = [[p.x, p.y]; 2];
+        let (own_line, line) = (tangent_near(header, at, pitch_m)?, tangent_near(good, at, pitch_m)?);
+        // As high over the line of the other recording as over the own.
+        let side = line.1.dot(&towards_chain).signum();
+        let moved = ((p - own_line.0).dot(&own_line.1) - (p - line.0).dot(&line.1)) * side;
+        let p = to_body(other, p + towards_chain * moved, true);
+        sums.add([n.y], off(p, n, &elements)?);
+    }
+    let height = sums.solve(0.0)?;
+    let is_shift = height.residual <= LEFT * (sums.yy / sums.samples as f64).sqrt();
+    let [height_m] = height.value;
+    if !is_shift || height_m.abs() < LEANS * moved_m {
+        return None;
+    }
+    let text = format!(
+        "{}: its ends, which alone links touch, stand {} {} than in the other recording",
+        path_of(header, guide.body),
+        GUIDE_HEIGHT.size(height_m),
+        higher(height_m),
+    );
+    told((AuditPart::Body(guide.body), &GUIDE_HEIGHT), (height_m, sums.samples), header, text)
+}
+
+/// Of a guide that hardly any link touches: as its pose was recorded.
+fn untouched_height(
+    guide: &GuideFit,
+    (header, info): (&Header, &BodyInfo),
+    (good, other): (&Header, &BodyInfo),
+    (pitch_m, moved_m): (f64, f64),
+) -> Option<Finding> {
+    let height = |header: &Header, info: &BodyInfo, along_m: f64| {
+        let p = to_world(info, [along_m, 0.0], true);
+        let line = tangent_near(header, [[p.x, p.y]; 2], pitch_m)?;
+        let side = line.1.dot(&to_world(info, [0.0, 1.0], false)).signum();
+        Some((p - line.0).dot(&line.1) * side)
+    };
+    let ends = info.outline.as_ref()?.elements.iter().flat_map(|e| [e.start_x_m, e.end_x_m]);
+    let (from_m, to_m) = ends.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
+    let differences = [from_m, to_m].map(|x| Some(height(header, info, x)? - height(good, other, x)?));
+    let [Some(start_m), Some(end_m)] = differences else { return None };
+    let height_m = if start_m.abs() > end_m.abs() { start_m } else { end_m };
+    if height_m.abs() < LEANS * moved_m {
+        return None;
+    }
+    let text = format!(
+        "{}: no link touches it; by its pose it stands {} {} than in the other recording",
+        path_of(header, guide.body),
+        GUIDE_HEIGHT.size(height_m),
+        higher(height_m),
+    );
+    told((AuditPart::Body(guide.body), &GUIDE_HEIGHT), (height_m, 1), header, text)
+}
+
+/// Where rails stand against those of the other recording, in the frame of what bears them.
+pub fn rail_places(audit: &Audit, theirs: &Audit, header: &Header, good: &Header) -> Vec<Finding> {
+    let of = |guide: &GuideFit| {
+        let info = header.bodies.get(guide.body).filter(|b| b.kind == BodyKind::Rail as u32)?;
+        let other = good.bodies.iter().find(|b| b.path == info.path)?;
+        let elements = elements(other.outline.as_ref()?);
+        let of = |fit: &GuideFit, info: &BodyInfo| {
+            let there = |p: &TouchedPoint| {
+                let at = |at: [f64; 2], is_point| to_body(other, to_world(info, at, is_point), is_point);
+                (at(p.point, true), at(p.normal, false))
+            };
+            let touched: Vec<(Vec2, Vec2)> = fit.points.iter().map(there).collect();
+            shift_of(&touched, &elements).filter(|s| s.samples >= TOUCHED)
+        };
+        let own = of(guide, info)?;
+        // A blade that bends stands off the contour that its header declares.
+        let known = |g: &&GuideFit| good.bodies.get(g.body).is_some_and(|b| b.path == info.path);
+        let before = theirs.guides.iter().find(known).and_then(|g| of(g, other)).map_or(Vec2::zeros(), |s| s.shift);
+        if own.left_m > LEFT * own.off_m {
+            return None;
+        }
+        let shift = own.shift - before;
+        let nearer_m = shift.dot(&own.along);
+        let text = format!(
+            "{}: its contour stands {} {} than in the other recording, shifted by ({:.3}, {:.3}) mm in its own frame",
+            path_of(header, guide.body),
+            RAIL_PLACE.size(nearer_m),
+            if nearer_m > 0.0 { RAIL_PLACE.more } else { RAIL_PLACE.less },
+            shift.x * 1e3,
+            shift.y * 1e3,
+        );
+        told((AuditPart::Body(guide.body), &RAIL_PLACE), (nearer_m, own.samples), header, text)
+    };
+    audit.guides.iter().filter_map(of).collect()
+}
+
+/// The line that touches the pitch circles of two sprockets and lies nearest to a face: a point of it, and its normal.
+fn tangent_near(header: &Header, face: [[f64; 2]; 2], pitch_m: f64) -> Option<(Vec2, Vec2)> {
+    let middle = Vec2::new(0.5 * (face[0][0] + face[1][0]), 0.5 * (face[0][1] + face[1][1]));
+    let sprockets: Vec<(Vec2, f64)> = header
+        .bodies
+        .iter()
+        .filter(|b| b.rotor && b.teeth > 0)
+        .map(|b| {
+            let half = crate::units::sin_cos(std::f64::consts::PI / f64::from(b.teeth)).0;
+            (Vec2::new(b.x_m, b.y_m), 0.5 * pitch_m / half)
+        })
+        .collect();
+    let mut lines = Vec::new();
+    for (k, (a, radius)) in sprockets.iter().enumerate() {
+        for (b, other) in sprockets.iter().skip(k + 1) {
+            let between = b - a;
+            let distance = between.norm();
+            for (own, theirs) in [(1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)] {
+                // n . (b - a) = theirs r_b - own r_a: the normal stands so far from the line of the axes.
+                let lean = (theirs * other - own * radius) / distance;
+                if lean.abs() >= 1.0 {
+                    continue;
+                }
+                let along = between / distance;
+                let normal = along * lean + Vec2::new(-along.y, along.x) * (1.0 - lean * lean).sqrt();
+                lines.push((a + normal * (own * radius), normal));
+            }
+        }
+    }
+    lines.into_iter().min_by(|a, b| (middle - a.0).dot(&a.1).abs().total_cmp(&(middle - b.0).dot(&b.1).abs()))
+}
+
+/// Where the gaps of a sprocket lie off the contour that the other recording declares: all of what links touch of them, or the part of a gap that
+/// is off most.
+pub fn gap_forms(audit: &Audit, header: &Header, good: &Header) -> Vec<Finding> {
+    let of = |(body, fit): (usize, &SprocketFit)| {
+        let path = path_of(header, body);
+        let other = good.bodies.iter().find(|b| b.path == path)?;
+        let elements = elements(other.outline.as_ref()?);
+        let places: Vec<(Vec2, Vec2, u32, usize)> = fit
+            .forms
+            .iter()
+            .filter(|f| f.samples >= 10 * TOUCHED)
+            .flat_map(|f| f.places().into_iter().map(move |(p, n)| (f, p, n)))
+            .map(|(f, p, n)| (Vec2::new(p[0], p[1]), Vec2::new(n[0], n[1]), f.segment, f.samples))
+            .collect();
+        let samples = places.iter().map(|p| p.3).max()?;
+        // Gap 0 lies on the x-axis of its sprocket.
+        let mut outwards = NormalEquations::<1>::default();
+        let mut largest = (0.0_f64, Segment::Seat as u32);
+        for (point, normal, segment, _) in &places {
+            let off = off(*point, *normal, &elements)?;
+            outwards.add([normal.x], off);
+            largest = if off.abs() > largest.0.abs() { (off, *segment) } else { largest };
+        }
+        let word = |value: f64| if value > 0.0 { GAP_FORM.more } else { GAP_FORM.less };
+        let than = "than the contour that the other recording declares";
+        let all = outwards.solve(0.0).filter(|all| {
+            let off_m = (outwards.yy / outwards.samples as f64).sqrt();
+            all.residual <= LEFT * off_m
+        });
+        let (value, text) = match all {
+            Some(all) => {
+                let [value] = all.value;
+                let touched = match &places[..] {
+                    [(_, _, segment, _)] => format!(" (links touch their {} alone)", Segment::name(*segment)),
+                    _ => String::new(),
+                };
+                (value, format!("{path}: its gaps lie {} {} {than}{touched}", GAP_FORM.size(value), word(value)))
+            }
+            None => {
+                let (value, segment) = largest;
+                let (name, size) = (Segment::name(segment), GAP_FORM.size(value));
+                (value, format!("{path}: the {name} of its gaps lies up to {size} {} {than}", word(value)))
+            }
+        };
+        told((AuditPart::Body(body), &GAP_FORM), (value, samples), header, text)
+    };
+    audit.sprockets.iter().enumerate().filter_map(of).collect()
+}
+
+/// A contour of a header, in the geometry's own terms.
+fn elements(outline: &Outline) -> Vec<Element> {
+    let of = |e: &crate::recording::frame::OutlineElement| {
+        let (start, end) = (Vec2::new(e.start_x_m, e.start_y_m), Vec2::new(e.end_x_m, e.end_y_m));
+        let centre = Vec2::new(e.centre_x_m, e.centre_y_m);
+        if e.radius_m > 0.0 {
+            let start_rad = crate::units::atan2(start.y - centre.y, start.x - centre.x);
+            Element::Arc { centre, radius_m: e.radius_m, start_rad, sweep_rad: e.sweep_rad }
+        } else {
+            Element::Line { start, end }
+        }
+    };
+    outline.elements.iter().map(of).collect()
+}
