@@ -236,6 +236,9 @@ fn planted_causes_are_named_in_bush_drives() {
             "driver_speed_scatter_rad_s",
             0.078 / 180.0 * std::f64::consts::PI * 300.0 * std::f64::consts::PI / std::f64::consts::SQRT_2,
         ),
+        // A guide that links touch at its ends alone, and gaps that lie deeper as a whole.
+        cause(["guides.fixed.slack.clearance_um=90".into()], "guides.fixed.slack", "height_m", 110e-6),
+        cause(["sprockets.driver.root_relief_um=14".into()], "sprockets.driver", "gap_form_m", -14e-6),
         // Thin guides on pins: the mass of outer links is given, not computed.
         cause(["chain.bush.outer.mass_g=6.89".into()], "outer links", "mass_kg", 3.445e-3),
         cause(["chain.bush.outer.inertia_g_mm2=98".into()], "outer links", "inertia_kg_m2", 32.8e-9),
@@ -244,6 +247,8 @@ fn planted_causes_are_named_in_bush_drives() {
     let guided = planted("bush-20-40", &near, of_guides(&mut dice), 1.65e-3);
     let mut causes = common(&mut dice, ["inner", "outer"]);
     causes.extend(of_gaps(&mut dice));
+    // A rail on the arm that stands nearer to the chain.
+    causes.push(cause(["guides.rail.slack.start_y_mm=-30.40".into()], "guides.rail.slack", "place_m", 140.6e-6));
     let arm = planted("arm-20-40", &[], causes, 1.65e-3);
     judge(vec![alone, guided, arm]);
 }
@@ -257,13 +262,19 @@ fn planted_causes_are_named_in_silent_and_abutment_drives() {
         cause(["preload.tension_n=230".into()], "chain", "tightening_n", -70.0),
         cause(["chain.silent.outer.mass_g=14.6".into()], "odd links", "mass_kg", 7.3e-3),
         cause(["chain.silent.outer.inertia_g_mm2=140".into()], "odd links", "inertia_kg_m2", 70e-9),
+        // No link touches it then.
+        cause(["guides.fixed.slack.clearance_um=300".into()], "guides.fixed.slack", "height_m", -100e-6),
     ]);
     let silent = planted("silent-20-40", &[], causes, 1.4e-3);
     let guided = planted("silent-20-40", &near, of_guides(&mut dice), 1.4e-3);
     let mut causes = common(&mut dice, ["inner", "outer"]);
     causes.extend(of_gaps(&mut dice));
     causes.extend(of_guides(&mut dice));
-    causes.extend([cause(["preload.tension_n=225".into()], "chain", "tightening_n", -60.0)]);
+    causes.extend([
+        cause(["preload.tension_n=225".into()], "chain", "tightening_n", -60.0),
+        cause(["sprockets.driven.root_relief_um=43".into()], "sprockets.driven", "gap_form_m", 19e-6),
+        cause(["sprockets.driven.root_relief_um=81".into()], "sprockets.driven", "gap_form_m", -19e-6),
+    ]);
     let smartchain = planted("smartchain-20-40", &[], causes, 1.65e-3);
     judge(vec![silent, guided, smartchain]);
 }

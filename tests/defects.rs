@@ -110,6 +110,42 @@ fn one_tooth_or_link_is_named_against_a_healthy_recording_too() {
     }
 }
 
+/// A part is named that is not the one in whose impacts it shows: two links further on, the next gap, all gaps of the sprocket, all joints.
+#[test]
+fn the_measured_part_is_named_in_place_of_the_one_that_stands_out() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (good, odd) = (folder.path().join("good.mcap"), folder.path().join("odd.mcap"));
+    let number = |n: u32| Value::from(n);
+    for (drive, set, key, wanted) in [
+        ("arm-20-40", &["effects.link_mass.x.link=46", "effects.link_mass.x.mass_percent=63"][..], "link", number(46)),
+        (
+            "silent-20-40",
+            &["effects.gap_error.driver.gap=3", "effects.gap_error.driver.outward_um=35.8"],
+            "tooth",
+            number(3),
+        ),
+        (
+            "silent-20-40",
+            &["effects.tight_joint.x.joint=36", "effects.tight_joint.x.torque_nm=0.076"],
+            "joint",
+            number(36),
+        ),
+        ("arm-20-40", &["contact.sprocket.hunt_crossley.restitution=0.38"], "kind", "body".into()),
+        ("bush-20-40", &["chain.joint.clearance_um=12"], "kind", "drive".into()),
+    ] {
+        for (path, set) in [(&good, &[][..]), (&odd, set)] {
+            let mut args =
+                vec!["run", drive, "--duration", "200ms", "--every", "150us", "-o", path.to_str().expect("text")];
+            set.iter().for_each(|s| args.extend(["--set", s]));
+            pitchline(&args);
+        }
+        let found = suspects(&odd, Some(&good));
+        println!("{}\n  {}", found[0]["cause"]["text"], found[0]["text"]);
+        assert_eq!(found[0][key], wanted, "{found:#?}");
+        assert!(found[0]["cause"]["text"].is_string() && found[0]["first_impact"].is_u64());
+    }
+}
+
 #[test]
 fn what_all_teeth_share_shows_against_a_healthy_recording() {
     let folder = tempfile::tempdir().expect("a folder");

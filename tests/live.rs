@@ -254,12 +254,12 @@ fn foxglove_gets_the_topics_of_the_archive() {
     }
     let header = Header::decode(messages["/pitchline/header"][0].as_slice()).expect("a header");
     assert_eq!((header.drive_name.as_str(), header.links.len()), ("bush-20-40", 90));
-    // A late client gets the outlines first, then forces.
-    let scenes: Vec<SceneUpdate> =
-        messages["/scene"].iter().map(|m| SceneUpdate::decode(m.as_slice()).expect("a scene")).collect();
-    // Beside them an arrow with the scale of forces.
-    assert_eq!(scenes[0].entities.len(), header.links.len() + header.bodies.len() + 1);
-    assert!(scenes.iter().any(|s| s.entities.len() == 1 && !s.entities[0].arrows.is_empty()));
+    let scenes = |topic: &str| -> Vec<SceneUpdate> {
+        messages[topic].iter().map(|m| SceneUpdate::decode(m.as_slice()).expect("a scene")).collect()
+    };
+    // Outlines, and beside them an arrow with the scale of forces.
+    assert_eq!(scenes("/drive")[0].entities.len(), header.links.len() + header.bodies.len() + 1);
+    assert!(scenes("/scene").iter().all(|s| s.entities.len() == 1 && !s.entities[0].arrows.is_empty()));
     let transforms = FrameTransforms::decode(messages["/tf"][0].as_slice()).expect("transforms");
     assert_eq!(transforms.transforms.len(), header.links.len() + header.bodies.len());
     let frames: Vec<Frame> =

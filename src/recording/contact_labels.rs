@@ -16,8 +16,9 @@ const LARGE: f64 = 0.5;
 const LARGE_OF_YOUNG: f64 = 0.02;
 /// How long a contact is young [tooth periods].
 const YOUNG: f64 = 0.1;
-/// Most labels of one picture, and what each has for itself in a close-up, across and upright [pitches].
+/// Most labels of one picture.
 const MOST_LABELS: usize = 16;
+/// What each has for itself in a close-up, across and upright [pitches].
 const ROOM: [f64; 2] = [1.3, 0.25];
 /// Rows of the page of contacts.
 const MOST_ROWS: usize = 12;
@@ -55,8 +56,13 @@ pub fn drives_of(header: &Header) -> Vec<&str> {
     drives
 }
 
+/// What a label has for itself in a close-up, across and upright [m].
+pub fn close_up_room_m(header: &Header) -> [f64; 2] {
+    ROOM.map(|pitches| pitches * header.links.first().map_or(0.0, |l| l.pitch_m))
+}
+
 /// Labels of the contacts of a frame that are large or have just begun, the largest first, where there is room for them.
-pub fn contact_labels(frame: &Frame, header: &Header) -> Vec<ContactLabel> {
+pub fn contact_labels(frame: &Frame, header: &Header, room_m: [f64; 2]) -> Vec<ContactLabel> {
     let (c, links) = (&frame.contacts, &frame.links);
     let reference_n = reference_force_n(header);
     let Some(link) = header.links.first() else { return Vec::new() };
@@ -71,7 +77,7 @@ pub fn contact_labels(frame: &Frame, header: &Header) -> Vec<ContactLabel> {
     let mut labels: Vec<ContactLabel> = Vec::new();
     for i in wanted {
         let point_m = [c.point_body_x_m[i], c.point_body_y_m[i]];
-        let near = |l: &ContactLabel| (0..2).all(|k| (l.point_m[k] - point_m[k]).abs() < ROOM[k] * link.pitch_m);
+        let near = |l: &ContactLabel| (0..2).all(|k| (l.point_m[k] - point_m[k]).abs() < room_m[k]);
         if labels.iter().any(near) {
             continue;
         }
@@ -164,7 +170,8 @@ mod tests {
     fn large_and_young_contacts_have_labels_where_there_is_room() {
         // The tooth period is 1 ms: the third is young, the fourth is neither, the second is beside a larger one.
         let f = frame(&[(540.0, 0.0, 1e-3), (200.0, 2e-3, 1e-3), (3.0, 20e-3, 5e-5), (30.0, 40e-3, 1e-3)]);
-        let labels: Vec<String> = contact_labels(&f, &header()).into_iter().map(|l| l.text).collect();
+        let labels: Vec<String> =
+            contact_labels(&f, &header(), close_up_room_m(&header())).into_iter().map(|l| l.text).collect();
         assert_eq!(labels, ["link 0, gap 7: 540 N", "link 2, tight: 3 N"]);
     }
 

@@ -1,6 +1,6 @@
 //! A recording in Foxglove's own messages: outlines attached to moving frames, forces as arrows, events as log.
 
-use super::contact_labels::{ContactLabel, contact_labels, reference_force_n};
+use super::contact_labels::{ContactLabel, close_up_room_m, contact_labels, reference_force_n};
 use super::frame::{Event, Frame, Header, Outline, OutlineCircle};
 use super::palette::{FORCE, FRICTION};
 use super::view_geometry::{DrawnForce, circle, drawn_forces, polyline, scene_bounds};
@@ -15,8 +15,18 @@ use std::borrow::Cow;
 
 /// Name of the fixed frame.
 const WORLD: &str = "world";
-/// Length of an arrow for a force equal to the mean static tension [m].
-const ARROW_AT_TENSION_M: f64 = 12e-3;
+/// Length of an arrow for a force equal to the mean static tension, as a share of the drive's width; diameters of shaft and head as shares of that
+/// length.
+const ARROW: f64 = 0.05;
+const SHAFT: f64 = 0.06;
+const HEAD: f64 = 0.15;
+/// Where the scale of forces stands under the drive: share of the drive's width, and lengths of its arrow down to it and on to its text.
+const LEGEND: (f64, f64, f64) = (0.25, 1.0, 0.4);
+/// Room of a label in a picture of the whole drive, across and upright, as shares of the drive's width.
+const LABEL_ROOM: [f64; 2] = [0.15, 0.025];
+/// Heights of arrows and labels over the chain: else its lines are drawn over them [m].
+const ARROWS_UP_M: f64 = 5e-3;
+const LABELS_UP_M: f64 = 10e-3;
 /// Friction that is drawn, as a share of the mean static tension.
 const SMALLEST_FRICTION: f64 = 0.02;
 /// Size of labels [pixels].
@@ -58,7 +68,7 @@ pub fn outlines(header: &Header) -> SceneUpdate {
             entities.push(entity(&body.path, outline, rgb(0.55, 0.55, 0.58)));
         }
     }
-    entities.extend(scale_arrow(header));
+    entities.extend(ForceArrows::new(header).scale(header));
     SceneUpdate { deletions: Vec::new(), entities }
 }
 
@@ -77,44 +87,103 @@ fn entity(frame_id: &str, outline: &Outline, color: Color) -> SceneEntity {
     }
 }
 
-/// An arrow as long as that of a force equal to the mean static tension, below the drive.
-fn scale_arrow(header: &Header) -> Option<SceneEntity> {
-    let (low, high) = scene_bounds(header);
-    let force_n = reference_force_n(header);
-    let [x, y] = [low[0], low[1] - 2.0 * ARROW_AT_TENSION_M];
-    let text = format!("contact force {force_n:.0} N (blue: its friction)");
-    (low[0] <= high[0]).then(|| SceneEntity {
-        timestamp: timestamp(0),
-        frame_id: WORLD.to_string(),
-        id: "scale".to_string(),
-        arrows: vec![arrow([x, y], [ARROW_AT_TENSION_M, 0.0], FORCE)],
-        texts: vec![words([x, y - 0.3 * ARROW_AT_TENSION_M], text)],
-        ..SceneEntity::default()
-    })
+/// How large forces are drawn.
+pub struct ForceArrows {
+    /// Length of the arrow of a force equal to the mean static tension [m].
+    length_m: f64,
+    m_per_n: f64,
+    label_room_m: [f64; 2],
+}
+
+impl ForceArrows {
+    pub fn new(header: &Header) -> ForceArrows {
+        let (low, high) = scene_bounds(header);
+        let width_m = (high[0] - low[0]).max(high[1] - low[1]).max(0.0);
+        let close_m = close_up_room_m(header);
+        let length_m = ARROW * width_m;
+        ForceArrows {
+            length_m,
+            m_per_n: length_m / reference_force_n(header),
+            label_room_m: [0, 1].map(|k| close_m[k].max(LABEL_ROOM[k] * width_m)),
+        }
+    }
+
+    /// Lowest point of the scale of forces below a drive whose lowest point this is [m].
+    pub fn legend_ends_at(&self, low_m: f64) -> f64 {
+        low_m - (LEGEND.1 + 2.0 * LEGEND.2) * self.length_m
+    }
+
+    /// An arrow of a round force, below the drive.
+    fn scale(&self, header: &Header) -> Option<SceneEntity> {
+        let (low, high) = scene_bounds(header);
+        let force_n = round_force(reference_force_n(header));
+        let length_m = force_n * self.m_per_n;
+        let [x, y] = [low[0] + LEGEND.0 * (high[0] - low[0]), low[1] - LEGEND.1 * self.length_m];
+        let text = format!("contact force {force_n} N (blue: its friction)");
+        (low[0] <= high[0]).then(|| SceneEntity {
+            timestamp: timestamp(0),
+            frame_id: WORLD.to_string(),
+            id: "scale".to_string(),
+            arrows: vec![self.arrow([x - 0.5 * length_m, y], [length_m, 0.0], FORCE)],
+            texts: vec![words([x, y - LEGEND.2 * self.length_m], text)],
+            ..SceneEntity::default()
+        })
+    }
+
+    fn arrow(&self, [x, y]: [f64; 2], [ax, ay]: [f64; 2], colour: [u8; 3]) -> ArrowPrimitive {
+        let [r, g, b] = colour.map(|part| f64::from(part) / 255.0);
+        let length = (ax * ax + ay * ay).sqrt();
+        let position = Vector3 { x, y, z: ARROWS_UP_M };
+        ArrowPrimitive {
+            pose: Some(Pose { position: Some(position), orientation: Some(along(ax, ay, length)) }),
+            shaft_length: 0.7 * length,
+            shaft_diameter: SHAFT * self.length_m,
+            head_length: 0.3 * length,
+            head_diameter: HEAD * self.length_m,
+            color: Some(rgb(r, g, b)),
+        }
+    }
+
+    /// Contact forces on the links, and forces of arms on sliders, as arrows, with labels where contacts are large or have just begun.
+    pub fn of(&self, header: &Header, frame: &Frame, t_ns: u64) -> SceneUpdate {
+        let scaled = |force_n: [f64; 2]| force_n.map(|n| n * self.m_per_n);
+        let mut arrows = Vec::new();
+        for DrawnForce { point_m, force_n, friction_n, .. } in drawn_forces(frame) {
+            arrows.push(self.arrow(point_m, scaled(force_n), FORCE));
+            if libm::hypot(friction_n[0], friction_n[1]) > SMALLEST_FRICTION * reference_force_n(header) {
+                arrows.push(self.arrow(point_m, scaled(friction_n), FRICTION));
+            }
+        }
+        let labels = contact_labels(frame, header, self.label_room_m).into_iter();
+        let texts = labels.map(|ContactLabel { point_m, text }| words(point_m, text)).collect();
+        let entity = SceneEntity {
+            timestamp: timestamp(t_ns),
+            frame_id: WORLD.to_string(),
+            id: "contact_forces".to_string(),
+            arrows,
+            texts,
+            ..SceneEntity::default()
+        };
+        SceneUpdate { deletions: Vec::new(), entities: vec![entity] }
+    }
+}
+
+/// The largest of 1, 2, 3 and 5 times a power of ten that a force reaches.
+fn round_force(force_n: f64) -> f64 {
+    let power = libm::pow(10.0, libm::floor(libm::log10(force_n)));
+    let steps = [5.0, 3.0, 2.0].into_iter().find(|step| force_n >= step * power);
+    steps.unwrap_or(1.0) * power
 }
 
 /// Text of a fixed size that faces the camera.
 fn words([x, y]: [f64; 2], text: String) -> TextPrimitive {
     TextPrimitive {
-        pose: Some(pose(x, y, 0.0)),
+        pose: Some(Pose { position: Some(Vector3 { x, y, z: LABELS_UP_M }), orientation: Some(about_z(0.0)) }),
         billboard: true,
         font_size: FONT_SIZE,
         scale_invariant: true,
         color: Some(rgb(1.0, 1.0, 1.0)),
         text,
-    }
-}
-
-fn arrow([x, y]: [f64; 2], [ax, ay]: [f64; 2], colour: [u8; 3]) -> ArrowPrimitive {
-    let [r, g, b] = colour.map(|part| f64::from(part) / 255.0);
-    let length = (ax * ax + ay * ay).sqrt();
-    ArrowPrimitive {
-        pose: Some(Pose { position: Some(Vector3 { x, y, z: 0.0 }), orientation: Some(along(ax, ay, length)) }),
-        shaft_length: 0.8 * length,
-        shaft_diameter: 0.25e-3,
-        head_length: 0.2 * length,
-        head_diameter: 0.6e-3,
-        color: Some(rgb(r, g, b)),
     }
 }
 
@@ -221,36 +290,13 @@ fn put_pair(tag: u8, values: [(u8, f64); 2], out: &mut Vec<u8>) {
     out.extend_from_slice(&bytes[..len]);
 }
 
-/// Contact forces on the links, and forces of arms on sliders, as arrows, with labels where contacts are large or have just begun.
-pub fn forces(header: &Header, frame: &Frame, t_ns: u64) -> SceneUpdate {
-    let metres_per_newton = ARROW_AT_TENSION_M / reference_force_n(header);
-    let scaled = |force_n: [f64; 2]| force_n.map(|n| n * metres_per_newton);
-    let mut arrows = Vec::new();
-    for DrawnForce { point_m, force_n, friction_n, .. } in drawn_forces(frame) {
-        arrows.push(arrow(point_m, scaled(force_n), FORCE));
-        if libm::hypot(friction_n[0], friction_n[1]) > SMALLEST_FRICTION * reference_force_n(header) {
-            arrows.push(arrow(point_m, scaled(friction_n), FRICTION));
-        }
-    }
-    let labels = contact_labels(frame, header).into_iter();
-    let texts = labels.map(|ContactLabel { point_m, text }| words(point_m, text)).collect();
-    let entity = SceneEntity {
-        timestamp: timestamp(t_ns),
-        frame_id: WORLD.to_string(),
-        id: "contact_forces".to_string(),
-        arrows,
-        texts,
-        ..SceneEntity::default()
-    };
-    SceneUpdate { deletions: Vec::new(), entities: vec![entity] }
-}
-
-/// An event as a log line.
+/// An event as a log line, its time first: the panel shows no more of it than milliseconds.
 pub fn log(event: &Event, t_ns: u64) -> Log {
+    let what = event.text.rsplit_once(", t = ").map_or(event.text.as_str(), |(what, _)| what);
     Log {
         timestamp: timestamp(t_ns),
         level: foxglove::messages::log::Level::Info as i32,
-        message: event.text.clone(),
+        message: format!("{:.4} ms: {what}", event.t_s * 1e3),
         name: event.kind.clone(),
         ..Log::default()
     }

@@ -3,11 +3,14 @@
 //!
 //! ```text
 //! /pitchline/header    Header, once          /tf        foxglove.FrameTransforms at the picture rate
-//! /pitchline/frame     Frame, every frame    /scene     foxglove.SceneUpdate: outlines once, force arrows at the picture rate
+//! /pitchline/frame     Frame, every frame    /scene     foxglove.SceneUpdate: force arrows at the picture rate
 //! /pitchline/signals   Signals, every frame  /events    foxglove.Log
 //! /pitchline/keyframe  Keyframe              /pitchline/event  Event
 //! /pitchline/impact    Impact, two tooth periods after its first contact
+//!                                            /drive     foxglove.SceneUpdate, once: outlines and the scale of forces
 //! ```
+//! Who seeks gets the last message of every topic before that time, and no other: what is sent once has a topic of its own.
+//!
 //! Frames and keyframes are in chunks of their own, which are not compressed: their floats do not repeat. All else is in chunks that are. A
 //! program that shows curves and pictures thus reads a tenth of the file.
 //!
@@ -52,7 +55,7 @@ const LONGEST_WAIT: Duration = Duration::from_millis(100);
 const ZSTD_LEVEL: i32 = -8;
 
 /// Topics in the order in which they are registered.
-pub const TOPICS: [(&str, &str); 9] = [
+pub const TOPICS: [(&str, &str); 10] = [
     ("/pitchline/header", "pitchline.Header"),
     ("/pitchline/frame", "pitchline.Frame"),
     ("/pitchline/signals", "pitchline.Signals"),
@@ -62,6 +65,7 @@ pub const TOPICS: [(&str, &str); 9] = [
     ("/scene", "foxglove.SceneUpdate"),
     ("/events", "foxglove.Log"),
     ("/pitchline/impact", "pitchline.Impact"),
+    ("/drive", "foxglove.SceneUpdate"),
 ];
 /// Indices of the topics in [`TOPICS`].
 pub const HEADER: usize = 0;
@@ -73,6 +77,7 @@ pub const TRANSFORMS: usize = 5;
 pub const SCENE: usize = 6;
 pub const LOG: usize = 7;
 pub const IMPACT: usize = 8;
+pub const DRIVE: usize = 9;
 
 /// Writes an MCAP file.
 pub struct McapSink {
@@ -85,6 +90,7 @@ pub struct McapSink {
     header: Header,
     clock: PictureClock,
     transforms: scene::Transforms,
+    forces: scene::ForceArrows,
     isa: Isa,
     sequence: u32,
     frames: u64,
@@ -104,6 +110,7 @@ impl McapSink {
             header: header.clone(),
             clock: PictureClock::new(view.archive_interval_s),
             transforms: scene::Transforms::new(header),
+            forces: scene::ForceArrows::new(header),
             isa: Isa::detect(),
             sequence: 0,
             frames: 0,
@@ -138,7 +145,7 @@ impl McapSink {
         let header = std::mem::take(&mut self.header);
         self.put(HEADER, 0, &header);
         self.header = header;
-        self.put(SCENE, 0, &outlines);
+        self.put(DRIVE, 0, &outlines);
         self.flush()
     }
 
@@ -181,7 +188,7 @@ impl McapSink {
             self.others.message(channel_of(TRANSFORMS), sequence, t_ns, |out| {
                 transforms.put_bytes(header, frame, t_ns, out);
             });
-            self.put(SCENE, t_ns, &scene::forces(&self.header, frame, t_ns));
+            self.put(SCENE, t_ns, &self.forces.of(&self.header, frame, t_ns));
         }
         self.frames += 1;
         if self.frames.is_multiple_of(FRAMES_PER_CHUNK) { self.flush() } else { self.flush_where_due() }

@@ -6,7 +6,7 @@ pub mod server;
 
 use super::frame::{Event, Frame, Header, Impact, Keyframe, Signals};
 use super::mcap::{
-    DESCRIPTOR, EVENT, FRAME, HEADER, IMPACT, KEYFRAME, LOG, SCENE, SIGNALS, TOPICS, TRANSFORMS, nanoseconds,
+    DESCRIPTOR, DRIVE, EVENT, FRAME, HEADER, IMPACT, KEYFRAME, LOG, SCENE, SIGNALS, TOPICS, TRANSFORMS, nanoseconds,
 };
 use super::{PictureClock, Sink, ViewOptions, foxglove_scene as scene, live};
 use crate::local_server::token;
@@ -33,6 +33,7 @@ pub struct FoxgloveSink {
     header: Header,
     clock: PictureClock,
     transforms: scene::Transforms,
+    forces: scene::ForceArrows,
     buffer: Vec<u8>,
     last_clock: Option<Instant>,
     has_client: bool,
@@ -49,7 +50,7 @@ impl FoxgloveSink {
         say: fn(&str),
     ) -> anyhow::Result<FoxgloveSink> {
         let outlines = scene::outlines(header).encode_to_vec();
-        let at_start = vec![(HEADER, header.encode_to_vec().into()), (SCENE, outlines.as_slice().into())];
+        let at_start = vec![(HEADER, header.encode_to_vec().into()), (DRIVE, outlines.as_slice().into())];
         let token = token()?;
         let server = Server::start(port, token.clone(), greeting(header), at_start)?;
         let address = format!("ws://127.0.0.1:{}/{token}", server.port());
@@ -66,6 +67,7 @@ impl FoxgloveSink {
             header: header.clone(),
             clock: PictureClock::new(view.picture_interval_s),
             transforms: scene::Transforms::new(header),
+            forces: scene::ForceArrows::new(header),
             buffer: Vec::new(),
             last_clock: None,
             has_client: true,
@@ -144,7 +146,7 @@ impl Sink for FoxgloveSink {
                 self.transforms.put_bytes(&self.header, frame, t_ns, &mut self.buffer);
                 self.send_buffer(TRANSFORMS, t_ns);
             }
-            self.send(SCENE, t_ns, &scene::forces(&self.header, frame, t_ns));
+            self.send(SCENE, t_ns, &self.forces.of(&self.header, frame, t_ns));
         }
         Ok(())
     }
@@ -153,8 +155,8 @@ impl Sink for FoxgloveSink {
         let t_ns = nanoseconds(keyframe.step as f64 * self.header.step_s);
         self.send(KEYFRAME, t_ns, keyframe);
         // A client that was too slow may have lost its outlines.
-        if let Some(server) = self.server.as_ref().filter(|server| server.has_subscribers(SCENE)) {
-            server.send(SCENE, t_ns, &self.outlines);
+        if let Some(server) = self.server.as_ref().filter(|server| server.has_subscribers(DRIVE)) {
+            server.send(DRIVE, t_ns, &self.outlines);
         }
         Ok(())
     }

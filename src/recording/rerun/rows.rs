@@ -5,7 +5,7 @@ use super::scene::{
 };
 use super::table::{ComponentValues, EntityTable};
 use crate::recording::columns::{ColumnKind, Rows};
-use crate::recording::contact_labels::{ContactLabel, contact_labels, contacts_page};
+use crate::recording::contact_labels::{ContactLabel, close_up_room_m, contact_labels, contacts_page};
 use crate::recording::frame::{Frame, Header, Impact, Links};
 use crate::recording::view_geometry::{DrawnForce, drawn_forces};
 use rerun::{Arrows3D, InstancePoses3D, Points3D, Scalars, TextDocument, Transform3D};
@@ -327,7 +327,7 @@ impl Pictures {
     }
 
     fn push_words(&mut self, frame: &Frame, header: &Header, scale: ForceScale) {
-        let labels = contact_labels(frame, header);
+        let labels = contact_labels(frame, header, close_up_room_m(header));
         self.labels.end_row(labels.len());
         for ContactLabel { point_m, text } in labels {
             self.labels.f32(0).extend_from_slice(&position_mm(point_m, scale.z_mm));
