@@ -41,7 +41,7 @@ const NAMING_LEAST: f64 = 0.03;
 const PULL: f64 = 2.0;
 /// What irregular impacts excite is no line: a swing of the drive then has peaks all over its resonance. A peak that stands less than this over its
 /// surroundings, and has a peak without a name within so many resolutions, of this share of its size or more, is taken for one of them.
-const LINE_PROMINENCE: f64 = 12.0;
+pub const LINE_PROMINENCE: f64 = 12.0;
 const SWING_REACH: f64 = 6.0;
 const SWING_SHARE: f64 = 0.5;
 /// Largest multiple by which orders are named.

@@ -171,8 +171,13 @@ pub static DRIVER_SPEED_SCATTER: Measure = property(
 );
 pub static OUTER_TORQUE: Measure =
     effect("outer_torque_nm", "mean torque of drive and load", ("more", "less"), TORQUE, (0.5, 0.05));
-pub static ARM_ANGLE: Measure =
-    effect("angle_rad", "mean angle", ("counterclockwise", "clockwise"), ("deg", PI / 180.0), (1e-3, 0.0));
+pub static ARM_ANGLE: Measure = effect(
+    "angle_rad",
+    "mean angle",
+    ("further counterclockwise", "further clockwise"),
+    ("deg", PI / 180.0),
+    (1e-3, 0.0),
+);
 pub static POWER: Measure = effect("power_w", "power", ("more", "less"), ("W", 1.0), (2.0, 0.15));
 
 /// What a number belongs to.
