@@ -173,11 +173,39 @@ fn planted_friction_is_named_with_its_size_and_written_into_the_drive() {
     assert!((inertia.value - 0.05).abs() < 0.001, "{inertia:?}");
     let drive = std::fs::read_to_string(folder.path().join("rig.toml")).expect("the drive");
     let machine = Machine::parse("rig.toml", &drive, &[]).expect("a machine");
-    let updated = pitchline::identify::text::updated(&machine, &r).expect("written");
+    let updated = pitchline::identify::updated::updated(&machine, &r).expect("written");
     assert!(updated.contains("# from the drawing") && updated.contains("[effects.coulomb_friction.disc]"), "{updated}");
     let again = Machine::parse("updated.toml", &updated, &[]).expect("it reads back");
+    // A file with line ends of Windows keeps them.
+    let windows = Machine::parse("rig.toml", &machine.text.replace('\n', "\r\n"), &[]).expect("it is read");
+    let written = pitchline::identify::updated::updated(&windows, &r).expect("written");
+    assert_eq!(written.replace("\r\n", "\n"), updated);
+    assert!(!written.replace("\r\n", "").contains(['\r', '\n']), "{written:?}");
     let slot = again.slot("effects.coulomb_friction.disc.torque_nm").expect("the number");
     assert_eq!(again.values[slot], torque.value);
+}
+
+/// A damper that is missing, and friction alone to explain it: friction that bends at a speed which the disc does not reach is a damper, and no friction.
+#[test]
+fn friction_that_bends_beyond_the_speeds_of_the_records_is_not_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = rotor_with_friction(folder.path(), 0.0, 0.05);
+    let change = |file: &str, from: &str, to: &str| {
+        let text = std::fs::read_to_string(folder.path().join(file)).expect("a file");
+        assert!(text.contains(from), "{text}");
+        std::fs::write(folder.path().join(file), text.replace(from, to)).expect("written");
+    };
+    change("rig.toml", "rad = 0.1", "rad = 0.02");
+    change(
+        "rig-measured.toml",
+        "[fit.\"loads.viscous.disc.torque_nm_s_per_rad\"]\n",
+        "[candidates]\nonly = [\"coulomb_friction\"]\n",
+    );
+    let r = identified(&path, 2, ALL).expect("identified");
+    println!("{}", pitchline::identify::text::text(&r));
+    assert_eq!(r.outcome, IdentificationVerdict::None, "{:?}", paths(&r));
+    let why = |c: &pitchline::identify::search::Trial| c.why.contains("do not reach the bend");
+    assert!(r.candidates.iter().any(why), "{:#?}", r.candidates);
 }
 
 /// A second harmonic of an effect that the drive file already contains is added with its own parameters, and written to
@@ -213,7 +241,7 @@ fn a_second_harmonic_is_found_beside_the_one_that_is_declared() {
     assert!((of(".torque_nm").abs() - 0.25).abs() < 0.02, "{numbers:?}");
     assert!(r.effects[0].sizes.len() == 4, "{:?}", r.effects[0].sizes);
     let machine = Machine::parse("rig.toml", &drive, &[]).expect("a machine");
-    let updated = pitchline::identify::text::updated(&machine, &r).expect("written");
+    let updated = pitchline::identify::updated::updated(&machine, &r).expect("written");
     let again = Machine::parse("updated.toml", &updated, &[]).unwrap_or_else(|e| panic!("{e}\n{updated}"));
     assert_eq!(again.placed.iter().filter(|p| p.effect.name == "torque_ripple").count(), 2);
 }

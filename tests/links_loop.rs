@@ -26,7 +26,7 @@ fn one_damaged_tooth_is_named_and_its_size_found() {
     let text = std::fs::read_to_string(folder.path().join("drive.toml")).expect("the drive");
     let declared = pitchline::drive::Drive::parse("drive.toml", &text, &[]).expect("a drive");
     let machine = pitchline::machine::Machine::of_links(&declared);
-    let updated = pitchline::identify::text::updated(&machine, &r).expect("an updated file");
+    let updated = pitchline::identify::updated::updated(&machine, &r).expect("an updated file");
     let again =
         pitchline::drive::Drive::parse("updated.toml", &updated, &[]).unwrap_or_else(|e| panic!("{e}\n{updated}"));
     assert!((again.effects.gap_errors[0].outward_m - size * 1e-6).abs() < 1e-12);

@@ -3,6 +3,7 @@
 use super::{Failure, Outcome, print_json, print_out};
 use crate::identify::report::{IdentificationReport, IdentificationVerdict};
 use crate::identify::search::{Budget, Context};
+use crate::identify::updated::updated;
 use crate::identify::{identify, text};
 use crate::machine::Machine;
 use crate::measurement::Measurement;
@@ -199,7 +200,7 @@ pub fn run(args: &IdentifyArgs) -> Result<Outcome, Failure> {
         || !report.converged
         || report.budget_spent
         || !data.missing.is_empty()
-        || (report.outcome == IdentificationVerdict::None && !report.explained)
+        || !report.explained
         || report.numbers_after.iter().any(|n| n.at_bound)
     {
         // A result was printed, but it is uncertain.
@@ -245,7 +246,7 @@ fn write(args: &IdentifyArgs, machine: &Machine, report: &IdentificationReport) 
     let put = |path: &Path, text: &str| crate::output::write(path, text.as_bytes()).map_err(Failure::from);
     for out in &args.output {
         if out.extension().is_some_and(|e| e == "toml") {
-            put(out, &text::updated(machine, report).map_err(|e| Failure::World(e.to_string()))?)?;
+            put(out, &updated(machine, report).map_err(|e| Failure::World(e.to_string()))?)?;
         } else {
             write_series(out, report)?;
         }

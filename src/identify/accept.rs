@@ -2,8 +2,8 @@
 //!
 //! An effect is accepted when all of these hold: its score gain is large enough; the held-out error (that of its own
 //! channel, for an effect on a sensor) significantly falls by a twentieth or loses half of its part above the noise; it
-//! explains more than a sham; its size is three standard errors from zero and the same in all records; and no force of
-//! another form fits better in its place. A set that leaves most of the error above the noise is only a lead and is not
+//! explains more than a sham; its size is three standard errors from zero and the same in all records; and its form lies inside the records
+//! ([`super::plausible`]); and no force of another form fits better in its place. A set that leaves most of the error above the noise is only a lead and is not
 //! reported as a finding. A rival is another effect that fits as well in the same place.
 
 use super::candidates::Hypothesis;
@@ -11,6 +11,7 @@ use super::crossed::{HeldOutComparison, compare_held_out};
 use super::fit::parallel;
 use super::judge::{Residuals, deviance, effective as effective_samples, mean_error};
 use super::model::{FittedModel, globals_of, refitted, score, standard_error, without_effect};
+use super::plausible::outside_the_records;
 use super::problem::Problem;
 use super::screen::{FitStart, LinearisedBase, screen};
 use super::search::{Context, MIN_SCORE_GAIN, SearchResult, Trial};
@@ -428,7 +429,7 @@ fn rejection_reason(best: &FittedModel, which: usize, evidence: &Evidence) -> Op
     {
         Some(format!("it has no one size: {} (halves of records)", steady::sizes_text(&sizes)))
     } else {
-        at_bound(best, which)
+        at_bound(best, which).or_else(|| outside_the_records(best, which))
     }
 }
 

@@ -19,6 +19,8 @@ pub mod judge;
 #[doc(hidden)]
 pub mod model;
 #[doc(hidden)]
+pub mod plausible;
+#[doc(hidden)]
 pub mod problem;
 pub mod report;
 #[doc(hidden)]
@@ -33,6 +35,7 @@ pub mod structure;
 pub mod text;
 #[doc(hidden)]
 pub mod unnamed;
+pub mod updated;
 #[doc(hidden)]
 pub mod windows;
 

@@ -174,6 +174,18 @@ pub struct Curve {
     pub judge_from: usize,
 }
 
+/// Two numbers of which a fit knows one combination far better than each.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Correlation {
+    /// Paths in the drive file.
+    pub of: [String; 2],
+    /// Correlation coefficient of their errors.
+    pub coefficient: f64,
+}
+
+/// From here on a correlation is told: with one number known, the error of the other would be a fifth.
+const CORRELATED: f64 = 0.98;
+
 /// Everything that an identification found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct IdentificationReport {
@@ -207,6 +219,8 @@ pub struct IdentificationReport {
     pub numbers_before: Vec<FittedNumber>,
     /// Numbers of the drive, fitted together with the accepted effects.
     pub numbers_after: Vec<FittedNumber>,
+    /// Numbers, of the drive and of effects, that the records hardly tell apart.
+    pub correlations: Vec<Correlation>,
     /// Shares of the declared model's squared error: effects, noise floor, rest.
     pub error_budget: Vec<Share>,
     /// Errors on records that neither fit nor judge.
@@ -267,6 +281,25 @@ fn numbers(
             }
         })
         .collect()
+}
+
+/// Pairs of numbers whose errors go together, the closest first. A number that holds for one record only has no place here.
+fn correlations(model: &FittedModel) -> Vec<Correlation> {
+    let covariance = &model.fit.covariance;
+    let globals: Vec<usize> =
+        (0..model.problem.globals.len()).filter(|g| model.problem.globals[*g].record.is_none()).collect();
+    let path = |g: usize| model.problem.machine.slots[model.problem.globals[g].slot].path.clone();
+    let mut found = Vec::new();
+    for (i, a) in globals.iter().copied().enumerate() {
+        for b in globals.iter().copied().skip(i + 1) {
+            let coefficient = covariance[(a, b)] / (covariance[(a, a)] * covariance[(b, b)]).sqrt();
+            if coefficient.abs() >= CORRELATED {
+                found.push(Correlation { of: [path(a), path(b)], coefficient });
+            }
+        }
+    }
+    found.sort_by(|p, q| q.coefficient.abs().total_cmp(&p.coefficient.abs()));
+    found
 }
 
 fn errors(r: &Residuals, data: &Data) -> Vec<ChannelError> {
@@ -435,6 +468,7 @@ pub fn report(measurement: &Measurement, data: &Data, found: &AcceptedResult) ->
         error_after: errors(best.residuals(), data),
         numbers_before: numbers(&found.declared, data, 0..n_declared, &machine.values),
         numbers_after: numbers(best, data, 0..n_declared, &machine.values),
+        correlations: correlations(best),
         error_budget: budget(found),
         transfer: transfer(found, data),
         effects,

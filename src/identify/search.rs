@@ -330,20 +330,30 @@ fn is_far(declared: &Problem, file: &Point, at: &Point) -> bool {
 /// Without a stated uncertainty, a parameter this far from its file value is implausible: a factor of 5.
 const IMPLAUSIBLE_CHANGE: f64 = 1.6;
 
+/// With one, a parameter so many of its standard deviations from its file value: one of 16,000 by chance.
+const SURPRISING: f64 = 4.0;
+
 /// Warnings about declared parameters that the final fit has moved far from their file values.
 pub fn moved_parameters(declared: &FittedModel, best: &FittedModel) -> Vec<String> {
     let file = declared.problem.start();
     let numbers = declared.problem.globals.iter().zip(file.globals.iter().zip(&best.fit.point.globals));
-    let far = numbers
-        .filter(|(g, (from, to))| g.law.logarithm && g.prior.is_none() && (*from - *to).abs() > IMPLAUSIBLE_CHANGE);
     let text = |(g, (from, to)): (&Global, (&f64, &f64))| {
         let path = &declared.problem.machine.slots[g.slot].path;
-        let times = libm::exp(to - from);
-        format!(
-            "the fit has moved `{path}` to {times:.3} times the file's value: it may hide a missing effect; `low` and `high`, or `spread_percent`, would limit it"
-        )
+        let times = if g.law.logarithm { libm::exp(to - from) } else { g.law.value(*to) / g.law.value(*from) };
+        let moved = format!("the fit has moved `{path}` to {times:.3} times the file's value");
+        match g.prior {
+            None => (g.law.logarithm && (from - to).abs() > IMPLAUSIBLE_CHANGE).then(|| {
+                format!("{moved}: it may hide a missing effect; `low` and `high`, or `spread_percent`, would limit it")
+            }),
+            Some((mean, spread)) => {
+                let off = ((to - mean) / spread).abs();
+                (off > SURPRISING).then(|| {
+                    format!("{moved}, {off:.1} times its `spread_percent`: it may hide a missing effect, or the file's value is wrong")
+                })
+            }
+        }
     };
-    far.map(text).collect()
+    numbers.filter_map(text).collect()
 }
 
 /// FittedNumber of best sets that are fitted again from the file's parameters.

@@ -1,12 +1,11 @@
-//! The report as text, and the drive file updated with the result.
+//! The report as text.
 
 use super::diagnosis::Diagnosis;
-use super::report::{FittedNumber, IdentificationReport, IdentificationVerdict};
-use crate::machine::Machine;
+use super::report::{Correlation, FittedNumber, IdentificationReport, IdentificationVerdict};
 use std::fmt::Write;
 
 /// Four significant digits.
-fn four_digits(x: f64) -> String {
+pub(super) fn four_digits(x: f64) -> String {
     let size = x.abs();
     if x == 0.0 || !x.is_finite() {
         format!("{x}")
@@ -215,6 +214,12 @@ fn declared_numbers(t: &mut String, r: &IdentificationReport) -> std::fmt::Resul
             if a.at_bound { "  AT ITS BOUND" } else { "" }
         )?;
     }
+    for Correlation { of: [a, b], coefficient } in &r.correlations {
+        writeln!(
+            t,
+            "these records know a combination of `{a}` and `{b}` far better than each of them: correlation {coefficient:.3}"
+        )?;
+    }
     for w in &r.warnings {
         writeln!(t, "warning: {w}")?;
     }
@@ -295,94 +300,4 @@ fn push_remaining_sections(t: &mut String, r: &IdentificationReport) -> std::fmt
         writeln!(t, "\nnext experiment: {e}")?;
     }
     writeln!(t, "\n{} model runs", r.model_runs)
-}
-
-/// A fitted number has no place in the drive file, because the file has no table for it.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct NoTable {
-    /// Path of the number.
-    pub path: String,
-    /// Head of the table, with its brackets.
-    pub table: String,
-}
-
-impl std::fmt::Display for NoTable {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "`{}` has no table `{}` for it", self.path, self.table)
-    }
-}
-
-impl std::error::Error for NoTable {}
-
-/// The drive file with fitted parameters and effects written in; comments are kept.
-///
-/// # Errors
-/// A fitted number that the file does not state has no table to go into.
-pub fn updated(machine: &Machine, r: &IdentificationReport) -> Result<String, NoTable> {
-    let mut edits: Vec<(std::ops::Range<usize>, String)> = Vec::new();
-    let mut inserts: Vec<(usize, String)> = Vec::new();
-    for n in r.numbers_after.iter().filter(|n| n.record.is_none()) {
-        match machine.places.span(&n.path) {
-            Some(span) => edits.push((span, toml_number(n.value))),
-            None => {
-                let (table, key) = n.path.rsplit_once('.').unwrap_or(("", &n.path));
-                let header = format!("[{table}]");
-                let at = machine.text.lines().scan(0, |at, line| {
-                    let start = *at;
-                    *at += line.len() + 1;
-                    Some((start, line))
-                });
-                let line = at.into_iter().find(|(_, l)| l.split('#').next().is_some_and(|l| l.trim() == header));
-                let Some((start, line)) = line else {
-                    return Err(NoTable { path: n.path.clone(), table: header });
-                };
-                inserts.push((start + line.len(), format!("\n{key} = {}", toml_number(n.value))));
-            }
-        }
-    }
-    edits.extend(inserts.into_iter().map(|(at, text)| (at..at, text)));
-    edits.sort_by_key(|(span, _)| std::cmp::Reverse(span.start));
-    let mut text = machine.text.clone();
-    for (span, new) in edits {
-        text.replace_range(span, &new);
-    }
-    if !text.ends_with('\n') {
-        text.push('\n');
-    }
-    for e in &r.effects {
-        let mut words = e.path.splitn(3, '.').skip(1);
-        let (name, target) = (words.next().unwrap_or_default(), words.next().unwrap_or_default());
-        let quoted = if target.chars().all(|c| c.is_alphanumeric() || c == '_' || c == '-') {
-            target.to_string()
-        } else {
-            format!("\"{target}\"")
-        };
-        text += &format!(
-            "\n[effects.{name}.{quoted}] # found by identify; held-out error {:.3} times that without it\n",
-            e.judge_ratio[0]
-        );
-        let mut keys: Vec<&str> = Vec::new();
-        for n in &e.parameters {
-            let key = n.path.rsplit('.').next().unwrap_or_default();
-            let note = match (&n.record, n.standard_error > 0.0) {
-                (Some(record), _) => format!(" # in record {record}; other records have their own"),
-                (None, true) => format!(" # +- {}", four_digits(n.standard_error)),
-                (None, false) => String::new(),
-            };
-            if !keys.contains(&key) {
-                keys.push(key);
-                let row = crate::effects::named(name).and_then(|e| e.parameters.iter().find(|p| p.key == key));
-                let whole = row.is_some_and(|p| p.kind.is_whole()) && n.value == libm::trunc(n.value);
-                let value = if whole { format!("{}", n.value as i64) } else { toml_number(n.value) };
-                text += &format!("{key} = {value}{note}\n");
-            }
-        }
-    }
-    Ok(text)
-}
-
-/// A float that TOML reads back to the same bits.
-fn toml_number(x: f64) -> String {
-    let text = format!("{x}");
-    if text.contains(['.', 'e', 'i', 'N']) { text } else { format!("{text}.0") }
 }

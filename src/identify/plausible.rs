@@ -1,0 +1,47 @@
+//! Whether an effect has a size that the records can show.
+//!
+//! A law whose form lies outside what was measured takes another form inside it: friction with a bend at a speed that the body never reaches is a
+//! damper, a resonance that is slower than the record is a drift.
+
+use super::model::{FittedModel, globals_of};
+use crate::effects::Scale;
+
+/// A law of the speed must bend below so many root mean squares of the body's speed. A sine reaches 1.4 of them, a run-up from rest 1.7.
+const REACHED: f64 = 3.0;
+/// Periods of a resonance in the longest record, at least.
+const PERIODS: f64 = 1.0;
+
+/// What speaks against the form of an effect, in words.
+pub fn outside_the_records(model: &FittedModel, which: usize) -> Option<String> {
+    let h = &model.effects[which];
+    let longest_s = model.problem.data.clocks.iter().map(|c| c.length_s).fold(0.0, f64::max);
+    for g in globals_of(model, which) {
+        let global = &model.problem.globals[g];
+        let slot = &model.problem.machine.slots[global.slot];
+        let key = slot.path.rsplit('.').next().unwrap_or_default();
+        let value = global.law.value(model.fit.point.globals[g]);
+        let shown = value / slot.unit;
+        let of_key = h.rows.iter().zip(&h.scales).find(|(row, _)| row.key == key || row.sliding_key == key);
+        if let Some((row, speed)) = of_key
+            && row.scale == Scale::Speed
+            && key.contains("speed")
+            && value > REACHED * speed
+        {
+            return Some(format!(
+                "`{key}` = {shown:.4}, where the body's speed is {:.4} in the root mean square: the records do not reach the bend of this law",
+                speed / slot.unit
+            ));
+        }
+        let frequency_hz = match key {
+            "frequency_hz" => shown,
+            "period_ms" => 1e3 / shown,
+            _ => continue,
+        };
+        if frequency_hz * longest_s < PERIODS {
+            return Some(format!(
+                "`{key}` = {shown:.4}: the longest record, of {longest_s:.3} s, holds no period of it"
+            ));
+        }
+    }
+    None
+}
