@@ -19,6 +19,25 @@ fn loop_steps(model: &Model, loops: f64) -> u64 {
     (loops * model.chain.n_links as f64 * 8e-3 / model.chain_speed_m_s() / model.step_s).round() as u64
 }
 
+/// A drive without guides needs no law for what touches them; one with guides does.
+#[test]
+fn the_contact_of_guides_is_asked_for_where_there_are_guides() {
+    let bundled = BUNDLED.iter().find(|(name, _)| *name == "bush-20-40").expect("bundled").1;
+    let without = |tables: &[&str]| {
+        let mut keeps = true;
+        let kept = bundled.lines().filter(|line| {
+            if line.starts_with('[') {
+                keeps = !tables.iter().any(|t| line.starts_with(t));
+            }
+            keeps
+        });
+        kept.collect::<Vec<_>>().join("\n")
+    };
+    Drive::parse("bare.toml", &without(&["[guides", "[contact.guide"]), &[]).expect("no guides, no law");
+    let report = Drive::parse("lawless.toml", &without(&["[contact.guide"]), &[]).expect_err("guides without a law");
+    assert!(report.to_string().contains("`contact.guide` has 0 contact laws"), "{report}");
+}
+
 #[test]
 fn ratio_and_span_speed_hold_over_whole_loops_and_no_tooth_is_skipped() {
     let a = assembled(&drive(&[]));

@@ -345,6 +345,17 @@ fn a_fan_that_runs_down_has_drag_and_a_load_that_may_be_friction() {
         "title = \"fan\"\ndrive = \"fan.toml\"\n{files}[channels.pulses]\nsensor = \"sensors.pulse_pickup.fan\"\ncolumn = \"interval_us\"\nunit = \"us\"\n[fit.\"loads.viscous.fan.torque_nm_s_per_rad\"]\n"
     );
     write("fan-measured.toml", &measurement);
+    // What the file states of the noise counts.
+    let drive = std::fs::read_to_string(folder.path().join("fan.toml")).expect("the drive");
+    let machine = Machine::parse("fan.toml", &drive, &[]).expect("a machine");
+    let noise = |stated: &str| {
+        let text = measurement.replace("unit = \"us\"\n", &format!("unit = \"us\"\n{stated}"));
+        let measurement = Measurement::parse("fan-measured.toml", &text).expect("a measurement");
+        let memory = &mut Memory::for_program(1_000_000_000);
+        load(&measurement, &machine, folder.path(), memory).expect("data").channels[0].noise
+    };
+    let (shown, stated, doubled) = (noise(""), noise("noise = 20\n"), noise("noise = 40\n"));
+    assert!((doubled / stated - 2.0).abs() < 1e-12 && stated > 2.0 * shown, "{shown} {stated} {doubled}");
     let r = identified(&folder.path().join("fan-measured.toml"), 2, ALL).expect("identified");
     assert_eq!(r.outcome, IdentificationVerdict::Ambiguous, "{:?}", paths(&r));
     let mut names = paths(&r);

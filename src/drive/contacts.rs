@@ -5,15 +5,20 @@ use super::{ChainSpec, ContactSpec};
 use crate::elements::contact_law::{ContactLaw, HertzLine, lankarani_nikravesh_hysteresis, restitution_hysteresis};
 use crate::units::MM;
 
-/// Contacts with sprockets, guides and rings: `[contact]`.
-pub(super) fn read_contacts(t: &TomlTable<'_>, chain: &ChainSpec) -> ([ContactSpec; 3], Option<ContactSpec>) {
+/// Contacts with sprockets, guides and rings: `[contact]`. Where there are no guides, what touches them may be left out.
+pub(super) fn read_contacts(
+    t: &TomlTable<'_>,
+    chain: &ChainSpec,
+    has_guides: bool,
+) -> ([ContactSpec; 3], Option<ContactSpec>) {
     let width_m = match chain {
         ChainSpec::Bush(c) => c.inner_width_m,
         ChainSpec::Silent(c) => c.pack_thickness_m,
         ChainSpec::Abutment(_) => DEFAULT_CONTACT_LENGTH_M,
     };
     let tooth = read_contact(&t.table("sprocket"), width_m);
-    let guide = read_contact(&t.table("guide"), width_m);
+    let guide = t.table("guide");
+    let guide = if has_guides || guide.is_present() { read_contact(&guide, width_m) } else { tooth };
     let ring = match chain {
         ChainSpec::Abutment(_) => read_contact(&t.table("ring"), width_m),
         ChainSpec::Bush(_) | ChainSpec::Silent(_) => tooth,

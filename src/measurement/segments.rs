@@ -6,7 +6,7 @@ use super::columns::{ColumnSelection, Columns, Memory, read};
 use super::facts::{self, Clock, Facts};
 use super::pulses::pulse_segments;
 use super::units::{MeasuredQuantity, unit};
-use super::{ChannelSpec, Measurement, RecordSpec, Use};
+use super::{ChannelSpec, Measurement, PulseValues, RecordSpec, Use};
 use crate::diag::{Diag, nearest};
 use crate::machine::simulate::{InitialState, Samples, Task};
 use crate::machine::{InputKind, Machine, Reads};
@@ -587,6 +587,15 @@ fn set_noise(data: &mut Data, measurement: &Measurement) {
             series().flatten().filter(|v| v.is_finite()).fold((0.0, 0.0_f64), |(a, n), v| (a + libm::exp(*v), n + 1.0));
         let step = facts::median(&mut steps) / (mean_interval.0 / mean_interval.1.max(1.0));
         channel.quantisation = step;
+        // What the file states counts in place of what the samples show: an interval is the difference of two times.
+        if let Some(stated) = spec.noise {
+            let of_interval = match spec.values {
+                PulseValues::Intervals => 1.0,
+                PulseValues::Times => std::f64::consts::SQRT_2,
+            };
+            let in_s = stated * unit(&spec.unit).map_or(1.0, |(_, f)| f);
+            channel.noise = of_interval * in_s / (mean_interval.0 / mean_interval.1.max(1.0));
+        }
         channel.noise = channel.noise.max(step / libm::sqrt(12.0));
     }
 }
