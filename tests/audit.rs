@@ -279,6 +279,34 @@ fn planted_causes_are_named_in_silent_and_abutment_drives() {
     judge(vec![silent, guided, smartchain]);
 }
 
+/// A rail that turned, one of another radius, and a guide lifted where the chain leaves it are told as such; one lifted where no link touches it, by its pose.
+#[test]
+fn how_guides_and_rails_stand_elsewhere_is_told() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (good, odd) = (folder.path().join("good.mcap"), folder.path().join("odd.mcap"));
+    let near = "guides.fixed.tight.clearance_um=0".to_string();
+    for (drive, healthy, set, wanted) in [
+        ("arm-20-40", None, "guides.rail.slack.heading_deg=19.9", "turned by 0.25"),
+        ("arm-20-40", None, "guides.rail.slack.radii_mm=[60, 400, 60]", "has another form"),
+        ("bush-20-40", Some(near), "guides.fixed.tight.end_lift_um=200", "touch it near its end, its face stands 19"),
+        ("bush-20-40", None, "guides.fixed.slack.end_lift_um=150", "by its pose it stands up to 15"),
+        (
+            "smartchain-20-40",
+            None,
+            "sprockets.driver.gap_form=min",
+            "the clockwise flank of its gaps lies 97.6 um further out",
+        ),
+    ] {
+        let healthy: Vec<String> = healthy.into_iter().collect();
+        record(drive, &good, RECORDED, &healthy);
+        record(drive, &odd, RECORDED, &[&healthy[..], &[set.to_string()]].concat());
+        let found = json(&["audit", odd.to_str().expect("text"), "--against", good.to_str().expect("text")]);
+        let text = &found["findings"][0]["text"];
+        println!("{text}");
+        assert!(text.as_str().is_some_and(|t| t.contains(wanted)), "{set}: {text}");
+    }
+}
+
 /// A gap that is so low that nothing touches it is named by that.
 #[test]
 fn a_gap_that_is_never_seated_is_named() {

@@ -18,7 +18,7 @@ def message_class(channel):
 
 
 async def listen(address):
-    channels, scenes, frames, arrows = {}, [], [], 0
+    channels, drives, scenes, frames, arrows = {}, [], [], [], 0
     url = f"ws://{address}"
     async with websockets.connect(url, subprotocols=["foxglove.sdk.v1"], max_size=None) as socket:
         async for message in socket:
@@ -30,15 +30,17 @@ async def listen(address):
             elif message[0] == 1:
                 topic, kind = channels[int.from_bytes(message[1:5], "little")]
                 value = kind.FromString(message[13:])
-                if topic == "/scene":
+                if topic == "/drive":
+                    drives.append(value)
+                elif topic == "/scene":
                     scenes.append(value)
                     arrows += sum(len(entity.arrows) for entity in value.entities)
                 elif topic == "/pitchline/frame":
                     frames.append(value)
-    return scenes, frames, arrows
+    return drives, scenes, frames, arrows
 
 
-scenes, frames, arrows = asyncio.run(listen(sys.argv[1]))
+drives, scenes, frames, arrows = asyncio.run(listen(sys.argv[1]))
 print(f"{len(scenes)} scenes, {len(frames)} frames, {arrows} arrows, last frame at {frames[-1].t_s:.6f} s")
-assert len(scenes[0].entities) > 90 and scenes[0].entities[0].lines, "outlines come first"
+assert len(drives[0].entities) > 90 and drives[0].entities[0].lines, "outlines of the drive"
 assert arrows > 0 and len(frames) > 50 and len(frames[-1].links.x_m) == 90

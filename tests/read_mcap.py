@@ -50,7 +50,7 @@ def main():
         attachments = [a.name for a in reader.iter_attachments()]
     differing = sum(a != b for a, b in zip(found, expected))
     print(f"{len(found)} values, {differing} differ; topics {sorted(topics)}; attachments {attachments}")
-    sys.exit(0 if found == expected and "/scene" in topics and "/tf" in topics and attachments else 1)
+    sys.exit(0 if found == expected and "/scene" in topics and "/drive" in topics and "/tf" in topics and attachments else 1)
 
 
 main()

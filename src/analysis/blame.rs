@@ -19,6 +19,8 @@ const GAPS: u32 = 2;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Nearness {
     Part(u32),
+    /// It stands out among the shadows.
+    Shadow,
     Body,
     Drive,
 }
@@ -56,9 +58,9 @@ pub fn with_causes(mut found: FoundSuspects, findings: &[Finding], header: &Head
 fn caused(suspect: Suspect, nearness: Nearness, cause: Finding) -> Suspect {
     let number = |n: Option<usize>| n.and_then(|n| u32::try_from(n).ok());
     let kind = match nearness {
-        Nearness::Part(_) if cause.tooth.is_some() => "tooth",
-        Nearness::Part(_) if cause.link.is_some() => "link",
-        Nearness::Part(_) => "joint",
+        Nearness::Part(_) | Nearness::Shadow if cause.tooth.is_some() => "tooth",
+        Nearness::Part(_) | Nearness::Shadow if cause.link.is_some() => "link",
+        Nearness::Part(_) | Nearness::Shadow => "joint",
         Nearness::Body => "body",
         Nearness::Drive => "drive",
     };
@@ -81,8 +83,12 @@ fn nearness(suspect: &Suspect, finding: &Finding, header: &Header, loops: &Loops
     let part = finding.link.or(finding.joint).and_then(|n| u32::try_from(n).ok());
     match (finding.tooth, part, &finding.body) {
         (Some(gap), _, of) => {
-            let apart = within(suspect.tooth?, gap, (0, body.teeth.max(1)));
-            (of.as_ref() == Some(&suspect.body) && apart <= GAPS).then_some(Nearness::Part(apart))
+            if of.as_ref() != Some(&suspect.body) {
+                return None;
+            }
+            let apart = suspect.tooth.map(|own| within(own, gap, (0, body.teeth.max(1))));
+            let near = apart.filter(|apart| *apart <= GAPS).map(Nearness::Part);
+            near.or_else(|| suspect.shadows.contains(&format!("tooth gap {gap}")).then_some(Nearness::Shadow))
         }
         (None, Some(part), _) => {
             // Joint j lies behind link j + 1.

@@ -76,7 +76,7 @@ pub struct Suspect {
     pub body: String,
     pub tooth: Option<u32>,
     pub link: Option<u32>,
-    /// Joint whose bush stands out: the rear one of `link`.
+    /// Joint whose bush stands out: the rear one of `link`. Where there is a `cause`, the joint that it names, or none.
     pub joint: Option<u32>,
     /// What frames measure of it; then it is the part that is measured to be odd, and `text` says where that shows.
     pub cause: Option<Finding>,
@@ -242,7 +242,7 @@ impl FoundSuspects {
     /// Says first where so many parts stand out that the fault is hardly one part's.
     #[must_use]
     pub fn with_many_told(mut self) -> FoundSuspects {
-        if self.suspects.len() >= MANY {
+        if self.suspects.len() >= MANY && self.suspects.iter().all(|s| s.cause.is_none()) {
             self.suspects.insert(0, of_many(&self.suspects));
         }
         self

@@ -2,6 +2,7 @@
 
 use super::{Answer, Failure, Outcome, answer};
 use crate::analysis::audit::findings::difference;
+use crate::analysis::audit::measures::MeasureKind;
 use crate::analysis::audit::{Audit, Finding, audit, compared, findings};
 use crate::analysis::blame::with_causes;
 use crate::analysis::compared_impacts::{Common, against, common};
@@ -99,7 +100,7 @@ pub fn run(args: &ImpactsArgs) -> Result<Outcome, Failure> {
             "compared": common,
             "links_take_s": verdict.links_take_s,
             "suspects": suspects.iter().map(|s| suspect_json(s, &all, &header)).collect::<Vec<_>>(),
-            "measured": measured.first(),
+            "measured": measured.iter().find(|f| f.kind > MeasureKind::Consequence),
             "differences": verdict.differences.iter().map(|s| suspect_json(s, &all, &header)).collect::<Vec<_>>(),
             "impacts": list.iter().map(|(n, i)| json(*n, i, &header, &heads, &args.recording)).collect::<Vec<_>>(),
         }))
@@ -308,10 +309,19 @@ fn text(
     }
     if suspects.is_empty() {
         lines.push("what stands out: nothing".into());
-        lines.extend(measured.first().map(|f| format!("  but the frames tell (`audit`): {}", f.text)));
     } else {
         lines.push("what stands out:".into());
-        lines.extend(suspects.iter().take(SUSPECTS).flat_map(suspect_text));
+        let (caused, other): (Vec<&Suspect>, Vec<&Suspect>) = suspects.iter().partition(|s| s.cause.is_some());
+        lines.extend(caused.iter().take(SUSPECTS).flat_map(|s| suspect_text(s)));
+        if !caused.is_empty() && !other.is_empty() {
+            lines.push("also, though nothing odd is measured of it or near it:".into());
+        }
+        lines.extend(other.iter().take(SUSPECTS).flat_map(|s| suspect_text(s)));
+    }
+    // Forces and losses follow from parts, and from what was recorded.
+    let odd = measured.iter().find(|f| f.kind > MeasureKind::Consequence);
+    if let Some(odd) = odd.filter(|_| suspects.first().is_none_or(|s| s.cause.is_none())) {
+        lines.push(format!("what the frames tell (`audit`): {}", odd.text));
     }
     if common.is_some() {
         let found = &verdict.differences;

@@ -1,8 +1,9 @@
 //! Where the contours that links touch stand, against those that another recording of the drive declares.
 //!
 //! Every contact tells a point p of a contour and its normal n there. Against the nearest point q of the declared contour the touched one is off by
-//! d = (p - q) . n. A contour that is shifted by t and keeps its form has d = t . n: least squares over the touched points tell t, and what they leave
-//! tells whether the form is another.
+//! d = (p - q) . n. A contour that moves as a whole, by t and by a small angle a about the middle of the touched points, has d = (t + a z x p) . n: least
+//! squares over the touched points tell both, and what they leave tells whether the form is another. What is known best is how far the contour moved
+//! along the mean normal.
 
 use super::findings::{Finding, Judged};
 use super::gaps::SprocketFit;
@@ -18,38 +19,56 @@ use crate::statistics::median;
 /// An axis that moves turns the line of its span: a guide counts as higher only from this share of that way on. assumed: its ends lie in the
 /// first and last third of their span.
 const LEANS: f64 = 0.3;
-/// Share of what contours are off that a shift of them leaves at most, to be told as one.
+/// Share of what contours are off that one number for all of them leaves at most, to be told as that.
 const LEFT: f64 = 0.25;
-/// Share of each column that holds a shift at zero where normals do not tell it.
-const RIDGE: f64 = 1e-6;
+/// The same of a rail that moved as a whole: another radius looks much like a large shift along the rail. Measured: what moved as a whole leaves
+/// 1e-3, other radii of an arm's rail 0.1 and more.
+const LEFT_OF_MOTION: f64 = 0.02;
+/// Spread of the normals' directions across their contour below which they are one direction. assumed: a tenth, six degrees.
+const ONE_DIRECTION: f64 = 0.1;
+/// A contour that is off its own header's by more bends [m].
+const BENDS_M: f64 = 5e-6;
+/// Share of each column that holds a motion at zero where normals do not tell it.
+const RIDGE: f64 = 1e-9;
+/// Share of a guide's length that links must touch, for its face to be told by that alone.
+const TOUCHED_SHARE: f64 = 0.5;
 
-/// How far a contour stands off another.
+/// How far a contour stands off another, in the frame of the other [m, rad].
 #[derive(Clone, Copy, Debug)]
-struct ContourShift {
-    /// In the frame of the other contour [m].
+struct ContourMotion {
     shift: Vec2,
-    /// Mean of the normals.
-    along: Vec2,
-    /// Root mean square of what contours are off, and of what the shift leaves [m].
+    turned_rad: f64,
+    /// Mean way along the normals, and the largest one of a point.
+    nearer_m: f64,
+    largest_m: f64,
+    /// Whether it moved as a whole.
+    is_whole: bool,
+    /// Root mean square of what the contours are off.
     off_m: f64,
-    left_m: f64,
     samples: usize,
 }
 
-/// The shift that explains how far points, with the normals there, are off a contour.
-fn shift_of(touched: &[(Vec2, Vec2)], elements: &[Element]) -> Option<ContourShift> {
-    let (mut sums, mut along) = (NormalEquations::<2>::default(), Vec2::zeros());
+/// The motion that explains how far points, with the normals there, are off a contour.
+fn motion_of(touched: &[(Vec2, Vec2)], elements: &[Element]) -> Option<ContourMotion> {
+    let n = touched.len() as f64;
+    let middle = touched.iter().map(|(point, _)| point).sum::<Vec2>() / n;
+    let mut sums = NormalEquations::<3>::default();
+    let (mut nearer_m, mut largest_m) = (0.0, 0.0_f64);
     for (point, normal) in touched {
-        sums.add([normal.x, normal.y], off(*point, *normal, elements)?);
-        along += normal;
+        let (arm, off_m) = (point - middle, off(*point, *normal, elements)?);
+        sums.add([normal.x, normal.y, arm.x * normal.y - arm.y * normal.x], off_m);
+        nearer_m += off_m / n;
+        largest_m = if off_m.abs() > largest_m.abs() { off_m } else { largest_m };
     }
     let solved = sums.solve(RIDGE)?;
-    let n = sums.samples as f64;
-    Some(ContourShift {
+    let off_m = (sums.yy / n).sqrt();
+    Some(ContourMotion {
         shift: Vec2::new(solved.value[0], solved.value[1]),
-        along: along / along.norm().max(1e-12),
-        off_m: (sums.yy / n).sqrt(),
-        left_m: solved.residual,
+        turned_rad: solved.value[2],
+        nearer_m,
+        largest_m,
+        is_whole: solved.residual <= LEFT_OF_MOTION * off_m,
+        off_m,
         samples: sums.samples,
     })
 }
@@ -108,19 +127,33 @@ pub fn guide_heights(audit: &Audit, (header, good): (&Header, &Header), moved_m:
         let info = header.bodies.get(guide.body)?;
         let other = good.bodies.iter().find(|b| b.path == info.path)?;
         let straight = info.kind == BodyKind::Guide as u32 && !info.moves();
+        let by_pose = || pose_height(guide, (header, info), (good, other), (pitch_m, moved_m));
         match guide.face {
-            Some(face) => face_height(guide, face, (header, good, other), (pitch_m, moved_m)),
-            None if !straight => None,
-            None if guide.points.len() >= TOUCHED => {
-                end_height(guide, (header, info), (good, other), (pitch_m, moved_m))
+            Some(face) => {
+                let found = face_height(guide, face, (header, good, other), (pitch_m, moved_m));
+                found.or_else(|| if is_short(face, info) { by_pose() } else { None })
             }
-            None => untouched_height(guide, (header, info), (good, other), (pitch_m, moved_m)),
+            None if !straight => None,
+            None => end_height(guide, (header, info), (good, other), (pitch_m, moved_m)).or_else(by_pose),
         }
     };
     audit.guides.iter().filter_map(of).collect()
 }
 
-/// Of a guide whose face links touch.
+/// Whether links touch a small part of a guide's face alone.
+fn is_short(face: [[f64; 2]; 2], info: &BodyInfo) -> bool {
+    let touched_m = libm::hypot(face[1][0] - face[0][0], face[1][1] - face[0][1]);
+    ends_of(info).is_some_and(|[from_m, to_m]| touched_m < TOUCHED_SHARE * (to_m - from_m))
+}
+
+/// Where a straight guide begins and ends along its x-axis [m].
+fn ends_of(info: &BodyInfo) -> Option<[f64; 2]> {
+    let ends = info.outline.as_ref()?.elements.iter().flat_map(|e| [e.start_x_m, e.end_x_m]);
+    let (from_m, to_m) = ends.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
+    (from_m < to_m).then_some([from_m, to_m])
+}
+
+/// The height of a guide whose face links touch.
 fn face_height(
     guide: &GuideFit,
     face: [[f64; 2]; 2],
@@ -144,7 +177,8 @@ fn face_height(
     if ends[larger].abs() < LEANS * moved_m {
         return None;
     }
-    let at = |end: usize| if end == 0 { "start" } else { "end" };
+    // The chain arrives at the start.
+    let at = |end: usize| if (end == 0) == guide.forwards { "start" } else { "end" };
     let text = format!(
         "{}: where links touch it near its {}, its face stands {} {} than in the other recording, {} {} near its {}",
         path_of(header, guide.body),
@@ -158,7 +192,7 @@ fn face_height(
     told((AuditPart::Body(guide.body), &GUIDE_HEIGHT), (ends[larger], guide.touched), header, text)
 }
 
-/// Of a guide whose roundings alone links touch: a face that is higher by h moves a point of a rounding, with the normal n there, by h n_y off its
+/// The height of a guide whose roundings alone links touch: a face that is higher by h moves a point of a rounding, with the normal n there, by h n_y off its
 /// place.
 fn end_height(
     guide: &GuideFit,
@@ -179,7 +213,7 @@ fn end_height(
         let p = to_body(other, p + towards_chain * moved, true);
         sums.add([n.y], off(p, n, &elements)?);
     }
-    let height = sums.solve(0.0)?;
+    let height = sums.solve(0.0).filter(|_| sums.samples >= TOUCHED)?;
     let is_shift = height.residual <= LEFT * (sums.yy / sums.samples as f64).sqrt();
     let [height_m] = height.value;
     if !is_shift || height_m.abs() < LEANS * moved_m {
@@ -194,8 +228,8 @@ fn end_height(
     told((AuditPart::Body(guide.body), &GUIDE_HEIGHT), (height_m, sums.samples), header, text)
 }
 
-/// Of a guide that hardly any link touches: as its pose was recorded.
-fn untouched_height(
+/// The height of a guide that hardly any link touches, as its pose was recorded.
+fn pose_height(
     guide: &GuideFit,
     (header, info): (&Header, &BodyInfo),
     (good, other): (&Header, &BodyInfo),
@@ -207,16 +241,15 @@ fn untouched_height(
         let side = line.1.dot(&to_world(info, [0.0, 1.0], false)).signum();
         Some((p - line.0).dot(&line.1) * side)
     };
-    let ends = info.outline.as_ref()?.elements.iter().flat_map(|e| [e.start_x_m, e.end_x_m]);
-    let (from_m, to_m) = ends.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
-    let differences = [from_m, to_m].map(|x| Some(height(header, info, x)? - height(good, other, x)?));
+    let differences = ends_of(info)?.map(|x| Some(height(header, info, x)? - height(good, other, x)?));
     let [Some(start_m), Some(end_m)] = differences else { return None };
     let height_m = if start_m.abs() > end_m.abs() { start_m } else { end_m };
     if height_m.abs() < LEANS * moved_m {
         return None;
     }
+    let touched = if guide.points.is_empty() { "no link touches it" } else { "links touch little of it" };
     let text = format!(
-        "{}: no link touches it; by its pose it stands {} {} than in the other recording",
+        "{}: {touched}; by its pose it stands up to {} {} than in the other recording",
         path_of(header, guide.body),
         GUIDE_HEIGHT.size(height_m),
         higher(height_m),
@@ -226,38 +259,51 @@ fn untouched_height(
 
 /// Where rails stand against those of the other recording, in the frame of what bears them.
 pub fn rail_places(audit: &Audit, theirs: &Audit, header: &Header, good: &Header) -> Vec<Finding> {
-    let of = |guide: &GuideFit| {
-        let info = header.bodies.get(guide.body).filter(|b| b.kind == BodyKind::Rail as u32)?;
-        let other = good.bodies.iter().find(|b| b.path == info.path)?;
-        let elements = elements(other.outline.as_ref()?);
-        let of = |fit: &GuideFit, info: &BodyInfo| {
-            let there = |p: &TouchedPoint| {
-                let at = |at: [f64; 2], is_point| to_body(other, to_world(info, at, is_point), is_point);
-                (at(p.point, true), at(p.normal, false))
-            };
-            let touched: Vec<(Vec2, Vec2)> = fit.points.iter().map(there).collect();
-            shift_of(&touched, &elements).filter(|s| s.samples >= TOUCHED)
-        };
-        let own = of(guide, info)?;
-        // A blade that bends stands off the contour that its header declares.
-        let known = |g: &&GuideFit| good.bodies.get(g.body).is_some_and(|b| b.path == info.path);
-        let before = theirs.guides.iter().find(known).and_then(|g| of(g, other)).map_or(Vec2::zeros(), |s| s.shift);
-        if own.left_m > LEFT * own.off_m {
-            return None;
-        }
-        let shift = own.shift - before;
-        let nearer_m = shift.dot(&own.along);
-        let text = format!(
-            "{}: its contour stands {} {} than in the other recording, shifted by ({:.3}, {:.3}) mm in its own frame",
-            path_of(header, guide.body),
-            RAIL_PLACE.size(nearer_m),
-            if nearer_m > 0.0 { RAIL_PLACE.more } else { RAIL_PLACE.less },
-            shift.x * 1e3,
-            shift.y * 1e3,
-        );
-        told((AuditPart::Body(guide.body), &RAIL_PLACE), (nearer_m, own.samples), header, text)
+    audit.guides.iter().filter_map(|guide| rail_place(guide, theirs, header, good)).collect()
+}
+
+fn rail_place(guide: &GuideFit, theirs: &Audit, header: &Header, good: &Header) -> Option<Finding> {
+    let info = header.bodies.get(guide.body).filter(|b| b.kind == BodyKind::Rail as u32)?;
+    let other = good.bodies.iter().find(|b| b.path == info.path)?;
+    let elements = elements(other.outline.as_ref()?);
+    let motion = |fit: &GuideFit, info: &BodyInfo| {
+        let there = |at: [f64; 2], is_point| to_body(other, to_world(info, at, is_point), is_point);
+        let touched: Vec<(Vec2, Vec2)> =
+            fit.points.iter().map(|p| (there(p.point, true), there(p.normal, false))).collect();
+        motion_of(&touched, &elements).filter(|m| m.samples >= TOUCHED)
     };
-    audit.guides.iter().filter_map(of).collect()
+    let own = motion(guide, info)?;
+    let is_same = |g: &&GuideFit| good.bodies.get(g.body).is_some_and(|b| b.path == info.path);
+    let before = theirs.guides.iter().find(is_same).and_then(|g| motion(g, other));
+    // A blade that bends stands off the contour that its own header declares: then only means are compared.
+    let bends = before.filter(|b| b.off_m > BENDS_M);
+    let nearer_m = own.nearer_m - bends.map_or(0.0, |b| b.nearer_m);
+    let way = |way_m: f64| {
+        let word = if way_m > 0.0 { RAIL_PLACE.more } else { RAIL_PLACE.less };
+        format!("{} {word}", RAIL_PLACE.size(way_m))
+    };
+    let (path, than, mean) = (path_of(header, guide.body), "than in the other recording", way(nearer_m));
+    let (value, text) = match (bends, own.is_whole) {
+        (None, true) => {
+            // No sign before a zero.
+            let shown = |x: f64| if x.abs() < 5e-4 { 0.0 } else { x };
+            let (x_mm, y_mm) = (shown(own.shift.x * 1e3), shown(own.shift.y * 1e3));
+            let turned_deg = shown(own.turned_rad / crate::units::DEG);
+            let how = format!(
+                "where links touch it, it is shifted by ({x_mm:.3}, {y_mm:.3}) mm and turned by {turned_deg:.3} deg in its own frame"
+            );
+            (nearer_m, format!("{path}: its contour stands {mean} {than}; {how}"))
+        }
+        (None, false) => {
+            let most = way(own.largest_m);
+            (
+                own.largest_m,
+                format!("{path}: its contour has another form: it stands up to {most} {than}, {mean} in the mean"),
+            )
+        }
+        (Some(_), _) => (nearer_m, format!("{path}: its contour, which bends, stands {mean} {than} in the mean")),
+    };
+    told((AuditPart::Body(guide.body), &RAIL_PLACE), (value, own.samples), header, text)
 }
 
 /// The line that touches the pitch circles of two sprockets and lies nearest to a face: a point of it, and its normal.
@@ -310,31 +356,38 @@ pub fn gap_forms(audit: &Audit, header: &Header, good: &Header) -> Vec<Finding> 
         // Gap 0 lies on the x-axis of its sprocket.
         let mut outwards = NormalEquations::<1>::default();
         let mut largest = (0.0_f64, Segment::Seat as u32);
+        let (mut least_x, mut most_x) = (f64::INFINITY, f64::NEG_INFINITY);
         for (point, normal, segment, _) in &places {
-            let off = off(*point, *normal, &elements)?;
-            outwards.add([normal.x], off);
-            largest = if off.abs() > largest.0.abs() { (off, *segment) } else { largest };
+            let off_m = off(*point, *normal, &elements)?;
+            outwards.add([normal.x], off_m);
+            (least_x, most_x) = (least_x.min(normal.x), most_x.max(normal.x));
+            largest = if off_m.abs() > largest.0.abs() { (off_m, *segment) } else { largest };
         }
         let word = |value: f64| if value > 0.0 { GAP_FORM.more } else { GAP_FORM.less };
         let than = "than the contour that the other recording declares";
         let all = outwards.solve(0.0).filter(|all| {
             let off_m = (outwards.yy / outwards.samples as f64).sqrt();
-            all.residual <= LEFT * off_m
+            all.residual <= LEFT * off_m && least_x > ONE_DIRECTION
         });
-        let (value, text) = match all {
-            Some(all) => {
-                let [value] = all.value;
-                let touched = match &places[..] {
-                    [(_, _, segment, _)] => format!(" (links touch their {} alone)", Segment::name(*segment)),
-                    _ => String::new(),
-                };
-                (value, format!("{path}: its gaps lie {} {} {than}{touched}", GAP_FORM.size(value), word(value)))
+        let (off_m, segment) = largest;
+        let (name, size) = (Segment::name(segment), GAP_FORM.size(off_m));
+        let (value, text) = match all.map(|all| all.value) {
+            Some([out_m]) if most_x - least_x > ONE_DIRECTION => {
+                (out_m, format!("{path}: its gaps lie {} {} {than}", GAP_FORM.size(out_m), word(out_m)))
             }
-            None => {
-                let (value, segment) = largest;
-                let (name, size) = (Segment::name(segment), GAP_FORM.size(value));
-                (value, format!("{path}: the {name} of its gaps lies up to {size} {} {than}", word(value)))
+            // Flanks of one slope tell one number: how deep the gaps are, or how their flanks stand.
+            Some([out_m]) => {
+                let deep = if out_m > 0.0 { "shallower" } else { "deeper" };
+                let out = GAP_FORM.size(out_m);
+                (
+                    out_m,
+                    format!(
+                        "{path}: the {name} of its gaps lies {size} {} {than}, as it does in gaps that are {out} {deep}",
+                        word(off_m)
+                    ),
+                )
             }
+            None => (off_m, format!("{path}: the {name} of its gaps lies up to {size} {} {than}", word(off_m))),
         };
         told((AuditPart::Body(body), &GAP_FORM), (value, samples), header, text)
     };

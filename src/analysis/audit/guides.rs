@@ -18,6 +18,8 @@ struct GuideSums {
     /// Force of the chain over way, speed and acceleration of a guide that one way shifts.
     mount: NormalEquations<3>,
     points: Vec<TouchedPoint>,
+    /// Sum of the speeds of links that touch it, along its x-axis [m/s].
+    runs_m_s: f64,
     /// Every so many contacts one is kept; contacts so far.
     stride: usize,
     contacts: usize,
@@ -50,6 +52,8 @@ pub struct GuideFit {
     /// Two points of a straight face, where contacts begin and end along it, in the world [m].
     pub face: Option<[[f64; 2]; 2]>,
     pub points: Vec<TouchedPoint>,
+    /// Whether the chain runs along its x-axis.
+    pub forwards: bool,
     pub touched: usize,
 }
 
@@ -72,6 +76,7 @@ impl GuidePass {
             force_n: 0.0,
             mount: NormalEquations::default(),
             points: Vec::new(),
+            runs_m_s: 0.0,
             stride: 1,
             contacts: 0,
             touched: 0,
@@ -104,6 +109,8 @@ impl GuidePass {
                 if c.instant_force_n[row] > 0.0 {
                     sums.law.add(c.penetration_m[row], c.normal_speed_m_s[row], c.instant_force_n[row]);
                 }
+                let link = c.link[row] as usize;
+                sums.runs_m_s += frame.links.vx_m_s[link] * cos + frame.links.vy_m_s[link] * sin;
                 let turned_back = |at: [f64; 2]| [at[0] * cos + at[1] * sin, at[1] * cos - at[0] * sin];
                 let point = turned_back([c.point_body_x_m[row] - origin[0], c.point_body_y_m[row] - origin[1]]);
                 sums.keep(TouchedPoint { point, normal: turned_back([c.normal_x[row], c.normal_y[row]]) });
@@ -169,6 +176,7 @@ impl GuideSums {
             mount_compliance_m_per_n: mount,
             face,
             points: self.points.clone(),
+            forwards: self.runs_m_s >= 0.0,
             touched: self.touched,
         }
     }

@@ -105,7 +105,7 @@ pub static AXES: Measure = Measure {
     ..property("axes_m", "distance of its sprockets' axes", ("longer", "shorter"), UM, (15e-6, 0.0))
 };
 pub static RING_RADIUS: Measure =
-    Measure { shown_in: MM, ..property("ring_radius_m", "radius of its ring", ("high", "low"), UM, (4e-6, 0.0)) };
+    Measure { shown_in: MM, ..property("ring_radius_m", "radius of its ring", ("larger", "smaller"), UM, (4e-6, 0.0)) };
 pub static CONTACT_STIFFNESS: Measure =
     property("contact_stiffness_n_per_m", "contact stiffness", ("stiffer", "softer"), ("N/um", 1e6), (0.0, 0.1));
 pub static CONTACT_DAMPING: Measure =
@@ -425,11 +425,17 @@ pub fn lacking(audit: &Audit, header: &Header) -> Vec<String> {
         }
     }
     for guide in audit.guides.iter().filter(|g| g.touched == 0) {
-        lines.push(format!("{}: no link touches it", AuditPart::Body(guide.body).name(header)));
+        lines.push(format!(
+            "{}: no link touches it; `--against` another recording compares the poses of straight guides",
+            AuditPart::Body(guide.body).name(header)
+        ));
     }
     let is_straight = |body: usize| header.bodies.get(body).is_some_and(|b| b.kind == BodyKind::Guide as u32);
     for guide in audit.guides.iter().filter(|g| g.touched > 0 && g.face.is_none() && is_straight(g.body)) {
-        lines.push(format!("height of {}: links touch its ends alone", AuditPart::Body(guide.body).name(header)));
+        lines.push(format!(
+            "height of {}, by itself: links touch its ends alone; `--against` another recording tells it",
+            AuditPart::Body(guide.body).name(header)
+        ));
     }
     lines.extend(unknown_to_audit(header));
     lines
@@ -443,7 +449,10 @@ fn unknown_to_audit(header: &Header) -> Vec<String> {
         (header.rollers.len(), "rollers: their clearance, and stiffness and friction on their bushes"),
         (sliding("sliders.") + sliding("passages."), "plungers and check balls: their springs, stops and friction"),
         (header.touches.iter().filter(|path| path.ends_with(".cam")).count(), "valves: their springs and lash"),
-        (rails, "rails and pivots of arms: their places"),
+        (
+            rails,
+            "rails and pivots of arms: their places, by themselves; `--against` another recording tells those of rails",
+        ),
         (header.chambers.len(), "chambers and reservoirs: their oil"),
         (header.passages.len(), "passages: what flows through them"),
     ];
