@@ -2,8 +2,9 @@
 //!
 //! `cargo run --release --example identify_friction -- tests/data/rig/rig-measured.toml`
 
+use pitchline::identify::identify;
 use pitchline::identify::search::{Budget, Context};
-use pitchline::identify::{identify, text};
+use pitchline::identify::updated::updated;
 use pitchline::machine::Machine;
 use pitchline::measurement::Measurement;
 use pitchline::measurement::columns::Memory;
@@ -46,7 +47,7 @@ pub fn report(path: &Path) -> Result<String, Box<dyn Error>> {
         }
     }
     // The drive file with the fitted numbers and the new effect.
-    let updated = text::updated(&machine, &found)?;
+    let updated = updated(&machine, &found)?;
     told += &format!("{} lines of the updated drive\n", updated.lines().count());
     Ok(told)
 }

@@ -132,7 +132,7 @@ impl GuidePass {
 impl GuideSums {
     /// Keeps contacts that lie evenly over the recording.
     fn keep(&mut self, touched: TouchedPoint) {
-        if self.contacts % self.stride == 0 {
+        if self.contacts.is_multiple_of(self.stride) {
             self.points.push(touched);
         }
         self.contacts += 1;
