@@ -92,6 +92,18 @@ fn healthy_drives_are_not_accused_and_other_chains_name_their_link() {
     }
 }
 
+/// Loads of an engine make gaps stand out that lie where they should.
+#[test]
+fn a_gap_that_is_measured_to_be_right_is_not_accused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("engine.mcap");
+    let shown = path.to_str().expect("text");
+    pitchline(&["run", "gasoline-3cyl-bush", "--duration", "60ms", "--every", "150us", "-o", shown]);
+    let found = pitchline(&["impacts", shown]);
+    assert_eq!(found["suspects"], Value::Array(Vec::new()));
+    assert!(found["healthy"].as_array().is_some_and(|list| !list.is_empty()), "{:#}", found["healthy"]);
+}
+
 /// One part is named against a healthy recording as it is alone, before the bodies that differ.
 #[test]
 fn one_tooth_or_link_is_named_against_a_healthy_recording_too() {

@@ -3,10 +3,11 @@
 //! An impact tells where a fault shows. Tension carries it on: a heavy link disturbs the arrival of links up to [`LINKS`] ahead of it, a gap that
 //! lies off its place disturbs the ones beside it, and a loose joint in all of the chain makes single links stand out by chance. Frames measure
 //! parts, one by one ([`super::audit`]). So a suspect is the odd part that is measured nearest to it; else what is measured odd of its body; else
-//! what all parts of the drive share. Without any of these it stays what impacts say.
+//! what all parts of the drive share. Without any of these it stays what impacts say, unless its own place or length is measured to be right: then
+//! something else than this part makes it stand out, such as loads that vary.
 
-use super::audit::Finding;
-use super::audit::measures::MeasureKind;
+use super::audit::measures::{MeasureKind, OUTWARD, PITCH};
+use super::audit::{AuditPart, Finding, Measured};
 use super::suspects::{FoundSuspects, Suspect};
 use crate::recording::frame::Header;
 use crate::recording::places::Loops;
@@ -25,9 +26,14 @@ enum Nearness {
     Drive,
 }
 
-/// Names the measured part behind every suspect. Suspects behind which the same part stands are one. Those with a measured cause come first.
+/// Names the measured part behind every suspect. Suspects behind which the same part stands are one. Those with a measured cause come first; those that
+/// are measured to be healthy are listed apart.
 #[must_use]
-pub fn with_causes(mut found: FoundSuspects, findings: &[Finding], header: &Header) -> FoundSuspects {
+pub fn with_causes(
+    mut found: FoundSuspects,
+    (findings, measured): (&[Finding], &[Measured]),
+    header: &Header,
+) -> FoundSuspects {
     let loops = Loops::new(header);
     let mut named: Vec<Suspect> = Vec::new();
     let mut left = Vec::new();
@@ -49,9 +55,22 @@ pub fn with_causes(mut found: FoundSuspects, findings: &[Finding], header: &Head
             None => named.push(caused(suspect, nearness, cause)),
         }
     }
+    let (healthy, left): (Vec<Suspect>, Vec<Suspect>) =
+        left.into_iter().partition(|s| is_measured(s, measured, header));
     named.extend(left);
-    found.suspects = named;
+    (found.suspects, found.healthy) = (named, healthy);
     found
+}
+
+/// Whether the place of a gap, or the length of a link, is known well enough to be found odd.
+fn is_measured(suspect: &Suspect, measured: &[Measured], header: &Header) -> bool {
+    let body = header.bodies.iter().position(|b| b.path == suspect.body);
+    let (part, measure) = match (body, suspect.tooth, suspect.link) {
+        (Some(body), Some(gap), _) => (AuditPart::Gap(body, gap), &OUTWARD),
+        (_, None, Some(link)) => (AuditPart::Link(link as usize), &PITCH),
+        _ => return false,
+    };
+    measured.iter().any(|m| m.part == part && m.measure == measure && m.estimate.error < measure.least)
 }
 
 /// The suspect as the part that is measured to be odd.

@@ -45,6 +45,8 @@ const WEAK_SCORE: f64 = 4.0;
 const TRACED: f64 = 0.3;
 /// Departures of at least this share of the largest one are alike; the one with the highest score is then taken first.
 const ALIKE: f64 = 0.8;
+/// Largest departure that is told: what hardly scatters has no scale.
+const MOST_DEPARTURE: f64 = 999.0;
 /// Departures beyond this one are all equally certain.
 const CERTAIN: f64 = 20.0;
 /// Departure of what does not arrive at all.
@@ -98,6 +100,8 @@ pub struct Suspect {
 /// What stands out, and what could not be judged.
 pub struct FoundSuspects {
     pub suspects: Vec<Suspect>,
+    /// What stands out, though frames measure it to be healthy.
+    pub healthy: Vec<Suspect>,
     /// Bodies whose impacts differ from those of another recording.
     pub differences: Vec<Suspect>,
     /// How long a recording must be for links to be judged [s], where this one is shorter.
@@ -235,7 +239,7 @@ pub fn suspects(impacts: &[Impact], header: &Header, (begin_s, end_s): (f64, f64
         orders.insert(body, (stage.gaps, stage.joints));
     }
     let suspects = causes(candidates, &orders, header, period_s);
-    FoundSuspects { suspects, differences: Vec::new(), links_take_s }
+    FoundSuspects { suspects, healthy: Vec::new(), differences: Vec::new(), links_take_s }
 }
 
 impl FoundSuspects {
@@ -353,7 +357,7 @@ impl<'a> ComparedSprocket<'a> {
         group: &[&ImpactCase<'b>],
         medians: &BTreeMap<u32, [f64; QUANTITIES.len()]>,
     ) -> Option<Candidate<'b>> {
-        let departure = lower_median(group.iter().map(|c| c.departure[q]).collect());
+        let departure = lower_median(group.iter().map(|c| c.departure[q]).collect()).min(MOST_DEPARTURE);
         let score = departure * (group.len() as f64).sqrt();
         let (here, others) = (
             median(group.iter().map(|c| c.value[q])),

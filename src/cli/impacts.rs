@@ -3,7 +3,7 @@
 use super::{Answer, Failure, Outcome, answer};
 use crate::analysis::audit::findings::difference;
 use crate::analysis::audit::measures::MeasureKind;
-use crate::analysis::audit::{Audit, Finding, audit, compared, findings};
+use crate::analysis::audit::{Audit, Finding, Measured, audit, compared, findings, measured};
 use crate::analysis::blame::with_causes;
 use crate::analysis::compared_impacts::{Common, against, common};
 use crate::analysis::suspects::{FoundSuspects, Suspect, suspects};
@@ -73,8 +73,8 @@ pub fn run(args: &ImpactsArgs) -> Result<Outcome, Failure> {
             (against(own, (&their, other.header(), span(&their_heads)), &common), Some(common))
         }
     };
-    let measured = measured(&mut reader, other.as_mut())?;
-    let verdict = with_causes(verdict, &measured, &header).with_many_told();
+    let (measured, parts) = measured_parts(&mut reader, other.as_mut())?;
+    let verdict = with_causes(verdict, (&measured, &parts), &header).with_many_told();
     let suspects = &verdict.suspects;
     let mut list: Vec<(usize, &Impact)> = all
         .iter()
@@ -100,6 +100,7 @@ pub fn run(args: &ImpactsArgs) -> Result<Outcome, Failure> {
             "compared": common,
             "links_take_s": verdict.links_take_s,
             "suspects": suspects.iter().map(|s| suspect_json(s, &all, &header)).collect::<Vec<_>>(),
+            "healthy": verdict.healthy.iter().map(|s| suspect_json(s, &all, &header)).collect::<Vec<_>>(),
             "measured": measured.iter().find(|f| f.kind > MeasureKind::Consequence),
             "differences": verdict.differences.iter().map(|s| suspect_json(s, &all, &header)).collect::<Vec<_>>(),
             "impacts": list.iter().map(|(n, i)| json(*n, i, &header, &heads, &args.recording)).collect::<Vec<_>>(),
@@ -120,12 +121,12 @@ pub fn run(args: &ImpactsArgs) -> Result<Outcome, Failure> {
 }
 
 /// What frames measure of the parts, where there are enough of them, of one drive, with forces.
-fn measured(reader: &mut Reader, other: Option<&mut Reader>) -> Result<Vec<Finding>, Failure> {
+fn measured_parts(reader: &mut Reader, other: Option<&mut Reader>) -> Result<(Vec<Finding>, Vec<Measured>), Failure> {
     let header = reader.header().clone();
     if header.is_merged() {
-        return Ok(Vec::new());
+        return Ok((Vec::new(), Vec::new()));
     }
-    let Ok(own) = audit(reader)? else { return Ok(Vec::new()) };
+    let Ok(own) = audit(reader)? else { return Ok((Vec::new(), Vec::new())) };
     let good = match other {
         Some(other) if difference(&header, other.header()).is_none() => {
             audit(other)?.ok().map(|good| (good, other.header()))
@@ -133,7 +134,7 @@ fn measured(reader: &mut Reader, other: Option<&mut Reader>) -> Result<Vec<Findi
         _ => None,
     };
     let of = |(good, good_header): (Audit, &Header)| compared(&own, &header, &good, good_header);
-    Ok(good.map_or_else(|| findings(&own, &header), of))
+    Ok((good.map_or_else(|| findings(&own, &header), of), measured(&own, &header)))
 }
 
 /// Time of a recording's frames [s].
@@ -308,7 +309,8 @@ fn text(
         );
     }
     if suspects.is_empty() {
-        lines.push("what stands out: nothing".into());
+        let but = if verdict.healthy.is_empty() { "" } else { " that is measured to be odd" };
+        lines.push(format!("what stands out: nothing{but}"));
     } else {
         lines.push("what stands out:".into());
         let (caused, other): (Vec<&Suspect>, Vec<&Suspect>) = suspects.iter().partition(|s| s.cause.is_some());
@@ -317,6 +319,10 @@ fn text(
             lines.push("also, though nothing odd is measured of it or near it:".into());
         }
         lines.extend(other.iter().take(SUSPECTS).flat_map(|s| suspect_text(s)));
+    }
+    if !verdict.healthy.is_empty() {
+        lines.push("stands out, though its place or length is measured to be right:".into());
+        lines.extend(verdict.healthy.iter().take(SUSPECTS).flat_map(suspect_text));
     }
     // Forces and losses follow from parts, and from what was recorded.
     let odd = measured.iter().find(|f| f.kind > MeasureKind::Consequence);

@@ -45,6 +45,10 @@ const DIFFERING_RATIO: f64 = 1.5;
 const DIFFERING_SHARE: f64 = 0.02;
 /// Prominence of a differing order: what rises less from its surroundings is noise, or a resonance. Peaks of noise reach 3 to 4 times their median.
 const DIFFERING_PROMINENCE: f64 = 5.0;
+/// Resolutions within which a line leaks into its surroundings, and how many times larger than that it is at least: the shoulders of a Hann window
+/// stay below 1/37.
+const LEAKS: f64 = 8.0;
+const LEAKAGE: f64 = 30.0;
 
 /// A recording's spectrum.
 struct SpectrumSheet {
@@ -155,6 +159,14 @@ fn differing(own: &SpectrumSheet, theirs: &SpectrumSheet, highest: f64) -> Vec<(
     // The peaks of a swing that irregular impacts keep up are as large as chance has it, in two recordings of one drive too.
     let least = |p: &SpectrumPeak| if p.names.is_empty() { LINE_PROMINENCE } else { DIFFERING_PROMINENCE };
     peaks.retain(|p| p.prominence >= least(p));
+    // A line has shoulders in the spectrum of a record that does not hold a whole number of its periods.
+    let near = LEAKS * a.resolution().max(b.resolution());
+    let lines: Vec<(f64, f64)> = peaks.iter().map(|p| (p.order, p.amplitude)).collect();
+    let leaks = |p: &SpectrumPeak| {
+        let is_line = |(order, size): &(f64, f64)| (order - p.order).abs() < near && *size > LEAKAGE * p.amplitude;
+        p.names.is_empty() && lines.iter().any(is_line)
+    };
+    peaks.retain(|p| !leaks(p));
     peaks.sort_by(|p, q| q.amplitude.total_cmp(&p.amplitude));
     for peak in peaks {
         let (here, there) = (a.near(peak.order), b.near(peak.order));

@@ -57,8 +57,8 @@ fn table_of<'a>(table: &'a mut dyn TableLike, path: &str) -> Option<&'a mut dyn 
     let (key, rest) = (&path[..end], path.get(end + 1..).unwrap_or(""));
     if known.is_none() {
         let mut new = Table::new();
-        // Its own head is written where it has values.
-        new.set_implicit(!rest.is_empty());
+        // Its head is written where it has values.
+        new.set_implicit(true);
         table.insert(key, Item::Table(new));
     }
     table_of(table.get_mut(key)?.as_table_like_mut()?, rest)
