@@ -49,7 +49,7 @@ pub fn with_causes(
         let same = |s: &&mut Suspect| s.cause.as_ref().is_some_and(|c| c.part == cause.part);
         match named.iter_mut().find(same) {
             Some(first) => {
-                first.shadows.push(place(&suspect));
+                first.shadows.push(suspect.place);
                 first.shadows.extend(suspect.shadows);
             }
             None => named.push(caused(suspect, nearness, cause)),
@@ -110,7 +110,7 @@ fn nearness(suspect: &Suspect, finding: &Finding, header: &Header, loops: &Loops
             near.or_else(|| suspect.shadows.contains(&format!("tooth gap {gap}")).then_some(Nearness::Shadow))
         }
         (None, Some(part), _) => {
-            // Joint j lies behind link j + 1.
+            // Link i ends at joint i: both are numbered along the chain alike.
             let own = suspect.link.or(suspect.joint)?;
             let chain = loops.of(own);
             let inside = loops.of(part) == chain;
@@ -120,9 +120,4 @@ fn nearness(suspect: &Suspect, finding: &Finding, header: &Header, loops: &Loops
         (None, None, Some(of)) => (*of == suspect.body).then_some(Nearness::Body),
         (None, None, None) => Some(Nearness::Drive),
     }
-}
-
-/// A suspect in a few words.
-fn place(suspect: &Suspect) -> String {
-    suspect.text.split(": ").next().unwrap_or(&suspect.text).to_string()
 }

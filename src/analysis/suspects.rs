@@ -92,6 +92,8 @@ pub struct Suspect {
     pub impacts: usize,
     /// Time of the first of them [s].
     pub first_s: f64,
+    /// Where it stands out, in words.
+    pub place: String,
     /// What stands out only because of it.
     pub shadows: Vec<String>,
     pub text: String,
@@ -308,6 +310,7 @@ impl<'a> ComparedSprocket<'a> {
                     score: ABSENT * (n as f64).sqrt(),
                     impacts: 0,
                     first_s,
+                    place: who,
                     text,
                     ..self.suspect(key)
                 };
@@ -375,9 +378,9 @@ impl<'a> ComparedSprocket<'a> {
         } else {
             format!("{words} {:.3} {unit} where others have {:.3} {unit}", here * factor, others * factor)
         };
+        let place = self.named(key);
         let text = format!(
-            "{}: {how} ({departure:.1} times the scatter, score {score:.0}; {} impacts, first {:.4} ms)",
-            self.named(key),
+            "{place}: {how} ({departure:.1} times the scatter, score {score:.0}; {} impacts, first {:.4} ms)",
             group.len(),
             first_s * 1e3
         );
@@ -389,6 +392,7 @@ impl<'a> ComparedSprocket<'a> {
             score,
             impacts: group.len(),
             first_s,
+            place,
             text,
             ..self.suspect(key)
         };
@@ -599,6 +603,7 @@ pub(super) fn empty_suspect(body: &str) -> Suspect {
         score: 0.0,
         impacts: 0,
         first_s: 0.0,
+        place: body.to_string(),
         shadows: Vec::new(),
         text: String::new(),
     }

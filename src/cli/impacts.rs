@@ -308,27 +308,7 @@ fn text(
                 .into(),
         );
     }
-    if suspects.is_empty() {
-        let but = if verdict.healthy.is_empty() { "" } else { " that is measured to be odd" };
-        lines.push(format!("what stands out: nothing{but}"));
-    } else {
-        lines.push("what stands out:".into());
-        let (caused, other): (Vec<&Suspect>, Vec<&Suspect>) = suspects.iter().partition(|s| s.cause.is_some());
-        lines.extend(caused.iter().take(SUSPECTS).flat_map(|s| suspect_text(s)));
-        if !caused.is_empty() && !other.is_empty() {
-            lines.push("also, though nothing odd is measured of it or near it:".into());
-        }
-        lines.extend(other.iter().take(SUSPECTS).flat_map(|s| suspect_text(s)));
-    }
-    if !verdict.healthy.is_empty() {
-        lines.push("stands out, though its place or length is measured to be right:".into());
-        lines.extend(verdict.healthy.iter().take(SUSPECTS).flat_map(suspect_text));
-    }
-    // Forces and losses follow from parts, and from what was recorded.
-    let odd = measured.iter().find(|f| f.kind > MeasureKind::Consequence);
-    if let Some(odd) = odd.filter(|_| suspects.first().is_none_or(|s| s.cause.is_none())) {
-        lines.push(format!("what the frames tell (`audit`): {}", odd.text));
-    }
+    lines.extend(verdict_text(verdict, measured));
     if common.is_some() {
         let found = &verdict.differences;
         lines.push(if found.is_empty() {
@@ -356,6 +336,34 @@ fn text(
         });
     }
     lines.join("\n") + "\n"
+}
+
+/// What stands out: with a measured cause, without one, and what is measured to be right; then what frames tell where no suspect has a cause.
+fn verdict_text(verdict: &FoundSuspects, measured: &[Finding]) -> Vec<String> {
+    let suspects = &verdict.suspects;
+    let mut lines = Vec::new();
+    if suspects.is_empty() {
+        let but = if verdict.healthy.is_empty() { "" } else { " that is measured to be odd" };
+        lines.push(format!("what stands out: nothing{but}"));
+    } else {
+        lines.push("what stands out:".into());
+        let (caused, other): (Vec<&Suspect>, Vec<&Suspect>) = suspects.iter().partition(|s| s.cause.is_some());
+        lines.extend(caused.iter().take(SUSPECTS).flat_map(|s| suspect_text(s)));
+        if !caused.is_empty() && !other.is_empty() {
+            lines.push("also, though nothing odd is measured of it or near it:".into());
+        }
+        lines.extend(other.iter().take(SUSPECTS).flat_map(|s| suspect_text(s)));
+    }
+    if !verdict.healthy.is_empty() {
+        lines.push("stands out, though its place or length is measured to be right:".into());
+        lines.extend(verdict.healthy.iter().take(SUSPECTS).flat_map(suspect_text));
+    }
+    // Forces and losses follow from parts, and from what was recorded.
+    let odd = measured.iter().find(|f| f.kind > MeasureKind::Consequence);
+    if let Some(odd) = odd.filter(|_| suspects.first().is_none_or(|s| s.cause.is_none())) {
+        lines.push(format!("what the frames tell (`audit`): {}", odd.text));
+    }
+    lines
 }
 
 /// Shadows of a suspect that are printed.

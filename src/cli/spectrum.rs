@@ -45,8 +45,8 @@ const DIFFERING_RATIO: f64 = 1.5;
 const DIFFERING_SHARE: f64 = 0.02;
 /// Prominence of a differing order: what rises less from its surroundings is noise, or a resonance. Peaks of noise reach 3 to 4 times their median.
 const DIFFERING_PROMINENCE: f64 = 5.0;
-/// Resolutions within which a line leaks into its surroundings, and how many times larger than that it is at least: the shoulders of a Hann window
-/// stay below 1/37.
+/// Resolutions within which a line leaks into its surroundings, assumed: beyond, its shoulders are below a thousandth; and how many times larger than
+/// them it is at least: the largest shoulder of a Hann window is 1/37.
 const LEAKS: f64 = 8.0;
 const LEAKAGE: f64 = 30.0;
 

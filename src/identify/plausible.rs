@@ -4,7 +4,7 @@
 //! damper, a resonance that is slower than the record is a drift.
 
 use super::model::{FittedModel, globals_of};
-use crate::effects::Scale;
+use crate::effects::{Kind, Scale};
 
 /// A law of the speed must bend below so many root mean squares of the body's speed. A sine reaches 1.4 of them, a run-up from rest 1.7.
 const REACHED: f64 = 3.0;
@@ -23,8 +23,7 @@ pub fn outside_the_records(model: &FittedModel, which: usize) -> Option<String> 
         let shown = value / slot.unit;
         let of_key = h.rows.iter().zip(&h.scales).find(|(row, _)| row.key == key || row.sliding_key == key);
         if let Some((row, speed)) = of_key
-            && row.scale == Scale::Speed
-            && key.contains("speed")
+            && (row.scale, row.kind) == (Scale::Speed, Kind::Shape)
             && value > REACHED * speed
         {
             return Some(format!(

@@ -17,7 +17,7 @@ const ROOM: f64 = 1.08;
 const DISTANCE_PER_HEIGHT: f64 = 1.2;
 /// Width over height of the picture, beside an open side bar.
 const ASPECT: f64 = 1.35;
-/// Width of a character of a legend, and of what stands beside its text [pixels].
+/// Width of a character of a legend, and of what stands beside its text [pixels], as Lichtblick 1.28 draws them.
 const CHARACTER: usize = 8;
 const BESIDE: usize = 66;
 /// Size of the marks of impacts [pixels].

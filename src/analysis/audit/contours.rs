@@ -11,8 +11,8 @@ use super::guides::{GuideFit, TouchedPoint};
 use super::least_squares::NormalEquations;
 use super::measures::{AuditPart, GAP_FORM, GUIDE_HEIGHT, Measure, Measured, RAIL_PLACE, TOUCHED};
 use super::{Audit, Estimate};
-use crate::geometry::Vec2;
 use crate::geometry::profile::Element;
+use crate::geometry::{Vec2, rotated};
 use crate::recording::frame::{BodyInfo, BodyKind, Header, Outline, Segment};
 use crate::statistics::median;
 
@@ -21,16 +21,16 @@ use crate::statistics::median;
 const LEANS: f64 = 0.3;
 /// Share of what contours are off that one number for all of them leaves at most, to be told as that.
 const LEFT: f64 = 0.25;
-/// The same of a rail that moved as a whole: another radius looks much like a large shift along the rail. Measured: what moved as a whole leaves
-/// 1e-3, other radii of an arm's rail 0.1 and more.
-const LEFT_OF_MOTION: f64 = 0.02;
+/// The same of a rail that moved as a whole: another radius looks much like a large shift along the rail. Measured: shifts of 30 to 140 um and a turn
+/// of 0.26 degrees leave 3e-5 to 5e-5; other radii of rails 0.07 to 0.09, and of an arc that links touch alone 1.1e-3.
+const LEFT_OF_MOTION: f64 = 5e-4;
 /// Spread of the normals' directions across their contour below which they are one direction. assumed: a tenth, six degrees.
 const ONE_DIRECTION: f64 = 0.1;
-/// A contour that is off its own header's by more bends [m].
+/// A contour that is off its own header's by more bends [m]. Measured: rails that do not bend 1e-13, the blade of `v12-primary` 5e-4.
 const BENDS_M: f64 = 5e-6;
 /// Share of each column that holds a motion at zero where normals do not tell it.
 const RIDGE: f64 = 1e-9;
-/// Share of a guide's length that links must touch, for its face to be told by that alone.
+/// Share of a guide's length that links must touch, for its face to be told by that alone. assumed: half tells how the other half stands.
 const TOUCHED_SHARE: f64 = 0.5;
 
 /// How far a contour stands off another, in the frame of the other [m, rad].
@@ -81,16 +81,14 @@ fn off(point: Vec2, normal: Vec2, elements: &[Element]) -> Option<f64> {
 }
 
 /// A point and a direction that stand in the frame of a body at rest, in the world; and back.
-fn to_world(info: &BodyInfo, at: [f64; 2], is_point: bool) -> Vec2 {
-    let (sin, cos) = crate::units::sin_cos(info.angle_rad);
-    let turned = Vec2::new(at[0] * cos - at[1] * sin, at[0] * sin + at[1] * cos);
+fn to_world(info: &BodyInfo, [x, y]: [f64; 2], is_point: bool) -> Vec2 {
+    let turned = rotated(Vec2::new(x, y), info.angle_rad);
     if is_point { turned + Vec2::new(info.x_m, info.y_m) } else { turned }
 }
 
 fn to_body(info: &BodyInfo, at: Vec2, is_point: bool) -> Vec2 {
-    let (sin, cos) = crate::units::sin_cos(info.angle_rad);
     let at = if is_point { at - Vec2::new(info.x_m, info.y_m) } else { at };
-    Vec2::new(at.x * cos + at.y * sin, at.y * cos - at.x * sin)
+    rotated(at, -info.angle_rad)
 }
 
 /// A finding that a contour stands elsewhere than in the other recording.
@@ -160,10 +158,11 @@ fn face_height(
     (header, good, other): (&Header, &Header, &BodyInfo),
     (pitch_m, moved_m): (f64, f64),
 ) -> Option<Finding> {
-    let (own_line, line) = (tangent_near(header, face, pitch_m)?, tangent_near(good, face, pitch_m)?);
+    let ends = face.map(|[x, y]| Vec2::new(x, y));
+    let middle = 0.5 * (ends[0] + ends[1]);
+    let (own_line, line) = (tangent_near(header, middle, pitch_m)?, tangent_near(good, middle, pitch_m)?);
     let towards_chain = to_world(other, [0.0, 1.0], false);
-    let height = |p: [f64; 2]| {
-        let p = Vec2::new(p[0], p[1]);
+    let height = |p: Vec2| {
         let own = (p - own_line.0).dot(&own_line.1);
         // The face of the other recording is the x-axis of its guide, at the same way along it.
         let origin = Vec2::new(other.x_m, other.y_m);
@@ -171,7 +170,7 @@ fn face_height(
         let theirs = (there - line.0).dot(&line.1);
         (own - theirs) * line.1.dot(&towards_chain).signum()
     };
-    let ends = face.map(height);
+    let ends = ends.map(height);
     let larger = if ends[0].abs() > ends[1].abs() { 0 } else { 1 };
     // Axes that moved turn the line of the span.
     if ends[larger].abs() < LEANS * moved_m {
@@ -192,8 +191,8 @@ fn face_height(
     told((AuditPart::Body(guide.body), &GUIDE_HEIGHT), (ends[larger], guide.touched), header, text)
 }
 
-/// The height of a guide whose roundings alone links touch: a face that is higher by h moves a point of a rounding, with the normal n there, by h n_y off its
-/// place.
+/// The height of a guide whose roundings alone links touch: a face that is higher by h moves a point of a rounding, with the normal n there, by h n_y
+/// off its place.
 fn end_height(
     guide: &GuideFit,
     (header, info): (&Header, &BodyInfo),
@@ -205,8 +204,7 @@ fn end_height(
     let mut sums = NormalEquations::<1>::default();
     for TouchedPoint { point, normal } in &guide.points {
         let (p, n) = (to_world(info, *point, true), to_body(other, to_world(info, *normal, false), false));
-        let at = [[p.x, p.y]; 2];
-        let (own_line, line) = (tangent_near(header, at, pitch_m)?, tangent_near(good, at, pitch_m)?);
+        let (own_line, line) = (tangent_near(header, p, pitch_m)?, tangent_near(good, p, pitch_m)?);
         // As high over the line of the other recording as over the own.
         let side = line.1.dot(&towards_chain).signum();
         let moved = ((p - own_line.0).dot(&own_line.1) - (p - line.0).dot(&line.1)) * side;
@@ -237,7 +235,7 @@ fn pose_height(
 ) -> Option<Finding> {
     let height = |header: &Header, info: &BodyInfo, along_m: f64| {
         let p = to_world(info, [along_m, 0.0], true);
-        let line = tangent_near(header, [[p.x, p.y]; 2], pitch_m)?;
+        let line = tangent_near(header, p, pitch_m)?;
         let side = line.1.dot(&to_world(info, [0.0, 1.0], false)).signum();
         Some((p - line.0).dot(&line.1) * side)
     };
@@ -306,9 +304,8 @@ fn rail_place(guide: &GuideFit, theirs: &Audit, header: &Header, good: &Header) 
     told((AuditPart::Body(guide.body), &RAIL_PLACE), (value, own.samples), header, text)
 }
 
-/// The line that touches the pitch circles of two sprockets and lies nearest to a face: a point of it, and its normal.
-fn tangent_near(header: &Header, face: [[f64; 2]; 2], pitch_m: f64) -> Option<(Vec2, Vec2)> {
-    let middle = Vec2::new(0.5 * (face[0][0] + face[1][0]), 0.5 * (face[0][1] + face[1][1]));
+/// The line that touches the pitch circles of two sprockets and lies nearest to a point: a point of it, and its normal.
+fn tangent_near(header: &Header, at: Vec2, pitch_m: f64) -> Option<(Vec2, Vec2)> {
     let sprockets: Vec<(Vec2, f64)> = header
         .bodies
         .iter()
@@ -335,63 +332,58 @@ fn tangent_near(header: &Header, face: [[f64; 2]; 2], pitch_m: f64) -> Option<(V
             }
         }
     }
-    lines.into_iter().min_by(|a, b| (middle - a.0).dot(&a.1).abs().total_cmp(&(middle - b.0).dot(&b.1).abs()))
+    lines.into_iter().min_by(|a, b| (at - a.0).dot(&a.1).abs().total_cmp(&(at - b.0).dot(&b.1).abs()))
 }
 
-/// Where the gaps of a sprocket lie off the contour that the other recording declares: all of what links touch of them, or the part of a gap that
-/// is off most.
+/// Where the gaps of sprockets lie off the contours that the other recording declares.
 pub fn gap_forms(audit: &Audit, header: &Header, good: &Header) -> Vec<Finding> {
-    let of = |(body, fit): (usize, &SprocketFit)| {
-        let path = path_of(header, body);
-        let other = good.bodies.iter().find(|b| b.path == path)?;
-        let elements = elements(other.outline.as_ref()?);
-        let places: Vec<(Vec2, Vec2, u32, usize)> = fit
-            .forms
-            .iter()
-            .filter(|f| f.samples >= 10 * TOUCHED)
-            .flat_map(|f| f.places().into_iter().map(move |(p, n)| (f, p, n)))
-            .map(|(f, p, n)| (Vec2::new(p[0], p[1]), Vec2::new(n[0], n[1]), f.segment, f.samples))
-            .collect();
-        let samples = places.iter().map(|p| p.3).max()?;
-        // Gap 0 lies on the x-axis of its sprocket.
-        let mut outwards = NormalEquations::<1>::default();
-        let mut largest = (0.0_f64, Segment::Seat as u32);
-        let (mut least_x, mut most_x) = (f64::INFINITY, f64::NEG_INFINITY);
-        for (point, normal, segment, _) in &places {
-            let off_m = off(*point, *normal, &elements)?;
-            outwards.add([normal.x], off_m);
-            (least_x, most_x) = (least_x.min(normal.x), most_x.max(normal.x));
-            largest = if off_m.abs() > largest.0.abs() { (off_m, *segment) } else { largest };
-        }
-        let word = |value: f64| if value > 0.0 { GAP_FORM.more } else { GAP_FORM.less };
-        let than = "than the contour that the other recording declares";
-        let all = outwards.solve(0.0).filter(|all| {
-            let off_m = (outwards.yy / outwards.samples as f64).sqrt();
-            all.residual <= LEFT * off_m && least_x > ONE_DIRECTION
-        });
-        let (off_m, segment) = largest;
-        let (name, size) = (Segment::name(segment), GAP_FORM.size(off_m));
-        let (value, text) = match all.map(|all| all.value) {
-            Some([out_m]) if most_x - least_x > ONE_DIRECTION => {
-                (out_m, format!("{path}: its gaps lie {} {} {than}", GAP_FORM.size(out_m), word(out_m)))
-            }
-            // Flanks of one slope tell one number: how deep the gaps are, or how their flanks stand.
-            Some([out_m]) => {
-                let deep = if out_m > 0.0 { "shallower" } else { "deeper" };
-                let out = GAP_FORM.size(out_m);
-                (
-                    out_m,
-                    format!(
-                        "{path}: the {name} of its gaps lies {size} {} {than}, as it does in gaps that are {out} {deep}",
-                        word(off_m)
-                    ),
-                )
-            }
-            None => (off_m, format!("{path}: the {name} of its gaps lies up to {size} {} {than}", word(off_m))),
-        };
-        told((AuditPart::Body(body), &GAP_FORM), (value, samples), header, text)
-    };
+    let of = |(body, fit): (usize, &SprocketFit)| gap_form(body, fit, header, good);
     audit.sprockets.iter().enumerate().filter_map(of).collect()
+}
+
+/// How all of what links touch of the gaps lies off, or the part of a gap that is off most.
+fn gap_form(body: usize, fit: &SprocketFit, header: &Header, good: &Header) -> Option<Finding> {
+    let path = path_of(header, body);
+    let other = good.bodies.iter().find(|b| b.path == path)?;
+    let elements = elements(other.outline.as_ref()?);
+    let mut outwards = NormalEquations::<1>::default();
+    let (mut largest_m, mut segment, mut samples) = (0.0_f64, Segment::Seat as u32, 0);
+    let (mut least_x, mut most_x) = (f64::INFINITY, f64::NEG_INFINITY);
+    for form in fit.forms.iter().filter(|f| f.samples >= 10 * TOUCHED) {
+        for ([x, y], [normal_x, normal_y]) in form.places() {
+            let off_m = off(Vec2::new(x, y), Vec2::new(normal_x, normal_y), &elements)?;
+            // Gap 0 lies on the x-axis of its sprocket.
+            outwards.add([normal_x], off_m);
+            (least_x, most_x) = (least_x.min(normal_x), most_x.max(normal_x));
+            if off_m.abs() > largest_m.abs() {
+                (largest_m, segment) = (off_m, form.segment);
+            }
+        }
+        samples = samples.max(form.samples);
+    }
+    let word = |value: f64| if value > 0.0 { GAP_FORM.more } else { GAP_FORM.less };
+    let than = "than the contour that the other recording declares";
+    let all = outwards.solve(0.0).filter(|all| {
+        let off_m = (outwards.yy / outwards.samples as f64).sqrt();
+        all.residual <= LEFT * off_m && least_x > ONE_DIRECTION
+    });
+    let (name, size) = (Segment::name(segment), GAP_FORM.size(largest_m));
+    let (value, text) = match all.map(|all| all.value) {
+        Some([out_m]) if most_x - least_x > ONE_DIRECTION => {
+            (out_m, format!("{path}: its gaps lie {} {} {than}", GAP_FORM.size(out_m), word(out_m)))
+        }
+        // Flanks of one slope tell one number: how deep the gaps are, or how their flanks stand.
+        Some([out_m]) => {
+            let deep = if out_m > 0.0 { "shallower" } else { "deeper" };
+            let (lies, out) = (word(largest_m), GAP_FORM.size(out_m));
+            let text = format!(
+                "{path}: the {name} of its gaps lies {size} {lies} {than}, as it does in gaps that are {out} {deep}"
+            );
+            (out_m, text)
+        }
+        None => (largest_m, format!("{path}: the {name} of its gaps lies up to {size} {} {than}", word(largest_m))),
+    };
+    told((AuditPart::Body(body), &GAP_FORM), (value, samples), header, text)
 }
 
 /// A contour of a header, in the geometry's own terms.

@@ -51,6 +51,7 @@ pub struct GuideFit {
     pub mount_compliance_m_per_n: Option<Estimate>,
     /// Two points of a straight face, where contacts begin and end along it, in the world [m].
     pub face: Option<[[f64; 2]; 2]>,
+    /// Contacts, evenly over the recording.
     pub points: Vec<TouchedPoint>,
     /// Whether the chain runs along its x-axis.
     pub forwards: bool,
