@@ -208,6 +208,55 @@ fn friction_that_bends_beyond_the_speeds_of_the_records_is_not_named() {
     assert!(r.candidates.iter().any(why), "{:#?}", r.candidates);
 }
 
+/// A controller moves the disc of [`rotor_with_friction`] to and fro; friction of 0.4 N m and a constant of 0.1 N m are missing in the
+/// drive file, whose inertia is ten times too large. A simulation from the recorded torque leaves such records at once.
+#[test]
+fn friction_in_a_closed_loop_is_named_although_the_inertia_is_wrong() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = rotor_with_friction(folder.path(), 0.0, 0.1);
+    let mut random = pitchline::identify::stats::Random::new(5);
+    for (k, file) in ["a.csv", "b.csv", "c.csv"].into_iter().enumerate() {
+        let mut text = String::from("time_ms,torque,speed_rpm\n");
+        let (mut v, mut past) = (0.0_f64, 0.0_f64);
+        for i in 0..600 {
+            let t = f64::from(i) * 0.005;
+            let wanted = 6.0 * libm::sin((2.0 + k as f64) * t) + 3.0 * libm::sin(7.0 * t + k as f64);
+            let noise = (random.below(2001) as f64 / 1000.0 - 1.0) * 0.02;
+            let error = wanted - (v + noise);
+            past += 0.005 * error;
+            let torque = 0.8 * error + 4.0 * past;
+            text += &format!("{},{torque},{}\n", i * 5, (v + noise) * 30.0 / PI);
+            for _ in 0..50 {
+                let h = 0.005 / 50.0;
+                let free = v + h * (torque - 0.1 - 0.08 * v) / 0.05;
+                let stop = h * 0.4 / 0.05;
+                v = if free.abs() <= stop { 0.0 } else { free - stop * free.signum() };
+            }
+        }
+        std::fs::write(folder.path().join(file), text).expect("written");
+    }
+    let change = |file: &str, from: &str, to: &str| {
+        let text = std::fs::read_to_string(folder.path().join(file)).expect("a file");
+        assert!(text.contains(from), "{text}");
+        std::fs::write(folder.path().join(file), text.replace(from, to)).expect("written");
+    };
+    change("rig.toml", "inertia_kg_m2 = 0.055", "inertia_kg_m2 = 0.5");
+    change("rig-measured.toml", "spread_percent = 20\n", "");
+    let r = identified(&path, 2, ALL).expect("identified");
+    println!("{}", pitchline::identify::text::text(&r));
+    let found = paths(&r);
+    assert!(found.contains(&"effects.coulomb_friction.disc"), "{found:?}");
+    let constants = ["effects.constant_torque.disc", "effects.input_offset.disc"];
+    assert!(found.len() == 2 && found.iter().any(|p| constants.contains(p)), "{found:?}");
+    assert!(r.doubts.is_empty() && !r.warnings.is_empty(), "{:?}", r.doubts);
+    let inertia = &r.numbers_after[0];
+    assert!((inertia.value / 0.05 - 1.0).abs() < 0.1, "{inertia:?}");
+    let inverse = r.inverse_dynamics.as_ref().expect("motion and torque are measured");
+    let by_path = |path: &str| inverse.numbers.iter().find(|n| n.path == path).expect("a number").inverse;
+    assert!((by_path("rotors.disc.inertia_kg_m2") / 0.05 - 1.0).abs() < 0.1, "{inverse:?}");
+    assert!((by_path("effects.coulomb_friction.disc.torque_nm") / 0.4 - 1.0).abs() < 0.1, "{inverse:?}");
+}
+
 /// A second harmonic of an effect that the drive file already contains is added with its own parameters, and written to
 /// the file.
 #[test]

@@ -423,3 +423,35 @@ fn mistakes_in_a_machine_are_all_told_at_once() {
         assert!(report.contains(part), "no `{part}` in\n{report}");
     }
 }
+
+/// A disc runs down under dry friction: v = v0 - T t / J until it rests. Samples take small steps near rest alone.
+#[test]
+fn dry_friction_stops_a_disc_when_its_closed_form_says() {
+    let stick = 1e-3;
+    let text = format!(
+        "fidelity = \"lumped\"\n[rotors.disc]\ninertia_kg_m2 = 0.05\n[loads.friction.disc]\ntorque_nm = 0.4\nstick_speed_rad_s = {stick}\n\
+         [inputs.torque.disc]\n[sensors.tachometer.disc]\n[sensors.encoder.angle]\nbody = \"disc\"\n"
+    );
+    let m = machine(&text);
+    let t_s: Vec<f64> = (0..200).map(|i| 0.01 * f64::from(i)).collect();
+    let task = Task {
+        samples: Samples::Times { t_s: t_s.clone(), step_s: 0.01, even: true },
+        inputs: vec![vec![0.0; 200]],
+        hold: true,
+    };
+    let start = InitialState { q: vec![0.0], v: vec![10.0], travel: 0.0 };
+    let by = |reads| m.sensors.iter().position(|s| s.reads == reads).expect("a sensor");
+    let channels = [by(Reads::Speed(0)), by(Reads::Angle(0))];
+    let out = run(&m, &m.values, &task, &start, &channels, 1e5).expect("a run");
+    for (i, t) in t_s.iter().enumerate() {
+        let stops = 10.0 * 0.05 / 0.4;
+        let (t, slope) = (t.min(stops), 0.4 / 0.05);
+        let (v, q) = (10.0 - slope * t, 10.0 * t - 0.5 * slope * t * t);
+        // The law rounds the corner off over its stick speed.
+        assert!((out[0][i] - v).abs() < 2.0 * stick, "{i}: {} {v}", out[0][i]);
+        assert!((out[1][i] - q).abs() < 1e-3, "{i}: {} {q}", out[1][i]);
+        if v > 0.5 {
+            assert!((out[0][i] - v).abs() < 1e-9, "{i}: {} {v}", out[0][i]);
+        }
+    }
+}

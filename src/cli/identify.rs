@@ -196,7 +196,8 @@ pub fn run(args: &IdentifyArgs) -> Result<Outcome, Failure> {
     }
     Ok(if report.interrupted {
         Outcome::Interrupted
-    } else if report.outcome == IdentificationVerdict::Ambiguous
+    } else if matches!(report.outcome, IdentificationVerdict::Ambiguous | IdentificationVerdict::Lead)
+        || !report.doubts.is_empty()
         || !report.converged
         || report.budget_spent
         || !data.missing.is_empty()

@@ -10,7 +10,9 @@ use super::candidates::Hypothesis;
 use super::crossed::{HeldOutComparison, compare_held_out};
 use super::fit::parallel;
 use super::judge::{Residuals, deviance, effective as effective_samples, mean_error};
-use super::model::{FittedModel, globals_of, refitted, score, standard_error, without_effect};
+use super::model::{
+    FIT_ITERATIONS, FittedModel, fit_model, globals_of, refitted, score, standard_error, without_effect,
+};
 use super::plausible::outside_the_records;
 use super::problem::Problem;
 use super::screen::{FitStart, LinearisedBase, screen};
@@ -232,8 +234,18 @@ fn narrowed(h: &Hypothesis) -> Hypothesis {
 /// Decides which of the search results to accept.
 pub fn accept<'a>(searched: SearchResult<'a>, own: &'a Data, context: &Context<'_>) -> AcceptedResult<'a> {
     context.report("comparing the found effects with held-out data");
-    let SearchResult { declared, all, effective, mut trials, reasons, detectable, alike, hypotheses, cut_short } =
-        searched;
+    let SearchResult {
+        declared,
+        all,
+        effective,
+        mut trials,
+        reasons,
+        detectable,
+        alike,
+        hypotheses,
+        is_settled,
+        cut_short,
+    } = searched;
     let (mut best, mut evidence) = first_confirmed_set(&declared, &all, &effective, own, context, &mut trials);
     (best, evidence) = with_known_laws(&declared, (best, evidence), &effective, own, context, &mut trials);
     if let Some(why) = reason_why_unexplained(&declared, &best, own, context.threads) {
@@ -243,7 +255,8 @@ pub fn accept<'a>(searched: SearchResult<'a>, own: &'a Data, context: &Context<'
         }
         (best, evidence) = (declared.clone(), Vec::new());
     }
-    let rivals = rivals(&declared, &best, &all, (&hypotheses, &alike), &effective, own, context, &mut trials);
+    let rivals =
+        rivals(&declared, &best, &all, (&hypotheses, &alike, is_settled), &effective, own, context, &mut trials);
     record_outcomes(&best, &all, &effective, &mut trials);
     AcceptedResult { declared, best, rivals, trials, reasons, evidence, detectable, alike, cut_short }
 }
@@ -290,7 +303,7 @@ fn better_form<'a>(
     let own_score = score(best, effective);
     let models = parallel(forms.len(), context.threads, |i| {
         let fit_start = FitStart { values: forms[i].values.clone(), phases: vec![0.0; records], travels: Vec::new() };
-        refitted(declared, best, &kept, Some((&forms[i], &fit_start)), own, 1)
+        refitted(declared, best, &kept, Some((&forms[i], &fit_start)), own, 1, FIT_ITERATIONS)
     });
     let clear = models.iter().zip(&forms).filter(|(m, _)| {
         let is_better = score(m, effective) < own_score - CLEAR_SCORE_GAP;
@@ -422,6 +435,8 @@ fn rejection_reason(best: &FittedModel, which: usize, evidence: &Evidence) -> Op
         Some(format!("the held-out error is {ratio:.3} times that without it [{low:.3}, {high:.3}]"))
     } else if gain < SHAM_GAINS * sham && 1.0 - gain > SHAM_REMAINDER * (1.0 - sham) {
         Some(format!("explains {:.1} %, a sham {:.1} %", 100.0 * gain, 100.0 * sham))
+    } else if let Some(outside) = outside_the_records(best, which) {
+        Some(outside)
     } else if sure < SURE {
         Some(format!("its size is {sure:.1} standard errors from nothing"))
     } else if let sizes = steady::sizes(best, which)
@@ -429,7 +444,7 @@ fn rejection_reason(best: &FittedModel, which: usize, evidence: &Evidence) -> Op
     {
         Some(format!("it has no one size: {} (halves of records)", steady::sizes_text(&sizes)))
     } else {
-        at_bound(best, which).or_else(|| outside_the_records(best, which))
+        at_bound(best, which)
     }
 }
 
@@ -530,12 +545,34 @@ fn are_the_same(a: &FittedModel, b: &FittedModel) -> bool {
     unrepeated.iter().enumerate().all(|(c, u)| apart(c) <= SAME_MEANS * u.in_mean)
 }
 
+/// A rival that after so many iterations leaves more than this multiple of the best model's error is given up.
+const RIVAL_ITERATIONS: usize = 10;
+const HOPELESS: f64 = 3.0;
+
+/// The best model with another hypothesis in place of an effect, fitted; None: it stays far from the best model.
+fn rival_of<'a>(
+    declared: &FittedModel<'a>,
+    best: &FittedModel<'a>,
+    rest: &[usize],
+    (h, fit_start): (&Hypothesis, &FitStart),
+    own: &'a Data,
+) -> Option<FittedModel<'a>> {
+    if !best.problem.machine.effort().is_thorough {
+        return Some(refitted(declared, best, rest, Some((h, fit_start)), own, 1, FIT_ITERATIONS));
+    }
+    let early = refitted(declared, best, rest, Some((h, fit_start)), own, 1, RIVAL_ITERATIONS);
+    if mean_error(&early.fit_residuals) > HOPELESS * mean_error(&best.fit_residuals) {
+        return None;
+    }
+    Some(fit_model(early.problem.clone(), &early.fit.point, own, early.effects.clone(), 1, FIT_ITERATIONS))
+}
+
 /// Replaces every effect of the best model by each alternative that was examined, and keeps those that fit as well.
 fn rivals<'a>(
     declared: &FittedModel<'a>,
     best: &FittedModel<'a>,
     all: &[FittedModel<'a>],
-    (hypotheses, alike): (&[Hypothesis], &[IndistinguishablePair]),
+    (hypotheses, alike, is_settled): (&[Hypothesis], &[IndistinguishablePair], bool),
     effective: &[f64],
     own: &'a Data,
     context: &Context<'_>,
@@ -559,7 +596,9 @@ fn rivals<'a>(
         };
         let twins: Vec<Hypothesis> = hypotheses.iter().filter(twin).flat_map(|h| [h.clone(), narrowed(h)]).collect();
         let mut tried: Vec<&Hypothesis> = twins.iter().collect();
-        for h in all.iter().flat_map(|m| &m.effects) {
+        // Where the search began at a set, its effects were never fitted against others: screening decides which are.
+        let others: &[Hypothesis] = if is_settled { hypotheses } else { &[] };
+        for h in all.iter().flat_map(|m| &m.effects).chain(others) {
             let own_id = h.identity();
             if !taken(&own_id) && own_id != id && tried.iter().all(|t| t.identity() != own_id) {
                 tried.push(h);
@@ -576,14 +615,17 @@ fn rivals<'a>(
             if !p.columns.is_empty() && p.gain < RIVAL_GAIN * own_gain {
                 return None;
             }
-            Some(refitted(declared, best, &rest, Some((tried[i], &p.fit_start)), own, 1))
+            rival_of(declared, best, &rest, (tried[i], &p.fit_start), own)
         });
         for m in models.into_iter().flatten() {
             let worse = score(&m, effective) - best_score;
-            let ratio = m.residuals().judge_ratio(best.residuals());
             let Some(h) = m.effects.last() else { continue };
-            let as_good = worse < CLEAR_SCORE_GAP && ratio[1] < 1.02 || are_the_same(&m, best);
-            if as_good {
+            let same = are_the_same(&m, best);
+            if worse >= CLEAR_SCORE_GAP && !same {
+                continue;
+            }
+            let ratio = m.residuals().judge_ratio(best.residuals());
+            if ratio[1] < 1.02 || same {
                 mine.push(Rival { identity: h.identity(), path: h.path(), score: worse, judge_ratio: ratio });
                 for t in trials.iter_mut().filter(|t| t.identity == h.identity()) {
                     t.why = format!("cannot be told from {id}");

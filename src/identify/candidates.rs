@@ -421,6 +421,12 @@ pub fn all(
 /// Factor by which a shape parameter may change from its start in both directions.
 const FORM_RANGE: f64 = 12.0;
 
+/// Law of a shape that starts at a value, within the range of its effect.
+pub fn law_of_shape(start: f64, (low, high): (f64, f64)) -> Law {
+    let (low, high) = ((start / FORM_RANGE).max(low.max(1e-300)), (start * FORM_RANGE).min(high));
+    Law { scale: start, logarithm: true, low, high }
+}
+
 /// Ratio of the cost at the starting values to that at the share `NEGLIGIBLE_SHARE` of them, above which they stop the
 /// machine or make it run away. Such values give the fit no direction, because the other parameters have not yet
 /// adapted. The shares `REDUCED_SHARES` are then tried.
@@ -485,11 +491,7 @@ pub fn with_hypothesis<'a>(
         let (low, high) = (s.low * s.unit, s.high * s.unit);
         let law = match row.kind {
             Kind::Amplitude | Kind::PerMark => Law { scale: h.scales[i].abs(), logarithm: false, low, high },
-            Kind::Shape => {
-                let start = values[i];
-                let range = (start / FORM_RANGE).max(low.max(1e-300))..=(start * FORM_RANGE).min(high);
-                Law { scale: start, logarithm: true, low: *range.start(), high: *range.end() }
-            }
+            Kind::Shape => law_of_shape(values[i], (low, high)),
             Kind::Phase => Law { scale: 1.0, logarithm: false, low: -1e3, high: 1e3 },
             Kind::Start => {
                 let law = Law { scale: h.scales[i].abs(), logarithm: false, low, high };

@@ -15,6 +15,8 @@ pub mod diagnosis;
 #[doc(hidden)]
 pub mod fit;
 #[doc(hidden)]
+pub mod inverse;
+#[doc(hidden)]
 pub mod judge;
 #[doc(hidden)]
 pub mod model;
@@ -94,7 +96,22 @@ pub fn identify(
             "the fit ended where a sample takes {most:.0} steps, and stiffer machines were not tried: give the stiffness and damping parameters `low` and `high`"
         ));
     }
-    report.warnings.extend(search::moved_parameters(&found.declared, &found.best));
+    if !context.must_end() {
+        context.report("inverse dynamics: the same numbers by another way");
+        report.inverse_dynamics = inverse::second_voice(&found.best, context);
+    }
+    for moved in search::moved_parameters(measurement, &found.declared, &found.best) {
+        if report.is_confirmed(&moved.path) {
+            report.warnings.push(moved.text + "; inverse dynamics gives the same number");
+        } else if moved.is_implausible {
+            report.doubts.push(moved.text);
+        } else {
+            report.warnings.push(moved.text);
+        }
+    }
+    if report.outcome == IdentificationVerdict::Named && !report.doubts.is_empty() {
+        report.outcome = IdentificationVerdict::Lead;
+    }
     context.report("analysing the residuals");
     report.diagnosis = diagnosis::diagnose(&found.declared, context.threads);
     if !report.effects.is_empty() {

@@ -7,7 +7,7 @@ use super::judge::{self, Residuals};
 use super::problem::{Point, Problem};
 use super::screen::FitStart;
 use super::stats;
-use crate::effects::Kind;
+use crate::effects::{Kind, Parameter};
 use crate::measurement::facts;
 use crate::measurement::segments::Data;
 use std::sync::OnceLock;
@@ -108,6 +108,47 @@ const NEAR_FLOOR: f64 = 1.5;
 /// Maximum number of times that a fit of a motion with a period restarts from slightly shifted records.
 const MAX_REALIGNMENTS: usize = 3;
 
+/// Iterations of the fit of a set of effects.
+pub const FIT_ITERATIONS: usize = 40;
+
+/// Share of the cost that a wider range of a shape must take off.
+const WORTH_WIDENING: f64 = 1e-3;
+
+/// The problem with new ranges round the shapes of effects that ended at the edge of theirs; None: none did.
+fn with_wider_shapes<'a>(problem: &Problem<'a>, point: &Point, effects: &[Hypothesis]) -> Option<(Problem<'a>, Point)> {
+    let (mut wider, mut start) = (problem.clone(), point.clone());
+    let mut is_wider = false;
+    for (row, g) in globals_by_row(problem, effects) {
+        let x = point.globals[g];
+        let law = problem.globals[g].law;
+        let (low, high) = law.bounds();
+        if row.kind != Kind::Shape || x > low && x < high {
+            continue;
+        }
+        let slot = &problem.machine.slots[problem.globals[g].slot];
+        let moved = candidates::law_of_shape(law.value(x), (slot.low * slot.unit, slot.high * slot.unit));
+        if moved.low < law.low * (1.0 - 1e-9) || moved.high > law.high * (1.0 + 1e-9) {
+            wider.globals[g].law = moved;
+            start.globals[g] = 0.0;
+            is_wider = true;
+        }
+    }
+    is_wider.then_some((wider, start))
+}
+
+/// Every free number of the effects of a model with its row, in the order of its globals. They come last.
+fn globals_by_row(problem: &Problem, effects: &[Hypothesis]) -> Vec<(&'static Parameter, usize)> {
+    let records = problem.data.records.len();
+    let of = |row: &&'static Parameter| match row.kind {
+        Kind::Amplitude | Kind::Shape | Kind::PerMark => vec![*row],
+        Kind::Phase => vec![*row; records],
+        Kind::Whole | Kind::Index | Kind::Start | Kind::Given => Vec::new(),
+    };
+    let rows: Vec<&'static Parameter> = effects.iter().flat_map(|h| &h.rows).flat_map(of).collect();
+    let first = problem.globals.len() - rows.len();
+    rows.into_iter().enumerate().map(|(i, row)| (row, first + i)).collect()
+}
+
 /// Fits, weights the channels by their residuals, and fits again.
 pub fn fit_model<'a>(
     mut problem: Problem<'a>,
@@ -125,6 +166,12 @@ pub fn fit_model<'a>(
             break;
         }
         found = fit(&problem, &point, options);
+    }
+    if let Some((again, start)) = with_wider_shapes(&problem, &found.point, &effects) {
+        let other = fit(&again, &start, options);
+        if other.cost < (1.0 - WORTH_WIDENING) * found.cost {
+            (problem, found) = (again, other);
+        }
     }
     if problem.channels.len() > 1 {
         let left = judge::fitted_residuals(&problem, &found);
@@ -152,7 +199,7 @@ pub fn refit_with<'a>(
 ) -> FittedModel<'a> {
     let (problem, start) = candidates::with_stable_start(&model.problem, &model.fit.point, h, fit_start, threads);
     let effects = model.effects.iter().cloned().chain([h.clone()]).collect();
-    fit_model(problem, &start, own, effects, threads, 40)
+    fit_model(problem, &start, own, effects, threads, FIT_ITERATIONS)
 }
 
 /// The model without one of its effects, fitted again from the remaining parameters.
@@ -164,7 +211,31 @@ pub fn without_effect<'a>(
     threads: usize,
 ) -> FittedModel<'a> {
     let rest: Vec<usize> = (0..model.effects.len()).filter(|i| *i != which).collect();
-    refitted(declared, model, &rest, None, own, threads)
+    refitted(declared, model, &rest, None, own, threads, FIT_ITERATIONS)
+}
+
+/// The fitted numbers of every effect of a model, as a start for another fit.
+pub fn fitted_values(model: &FittedModel) -> Vec<FitStart> {
+    let records = model.problem.data.records.len();
+    let numbers = globals_by_row(&model.problem, &model.effects).len();
+    let mut at = model.problem.globals.len() - numbers;
+    let mut next = || {
+        at += 1;
+        model.problem.globals[at - 1].law.value(model.fit.point.globals[at - 1])
+    };
+    let mut all = Vec::new();
+    for h in &model.effects {
+        let mut start = FitStart { values: h.values.clone(), phases: vec![0.0; records], travels: Vec::new() };
+        for (value, row) in start.values.iter_mut().zip(&h.rows) {
+            match row.kind {
+                Kind::Amplitude | Kind::Shape | Kind::PerMark => *value = next(),
+                Kind::Phase => start.phases.iter_mut().for_each(|phase| *phase = next()),
+                Kind::Whole | Kind::Index | Kind::Start | Kind::Given => {}
+            }
+        }
+        all.push(start);
+    }
+    all
 }
 
 /// A model with some of another's effects, and optionally one more, fitted from their parameters.
@@ -175,6 +246,7 @@ pub fn refitted<'a>(
     more: Option<(&Hypothesis, &FitStart)>,
     own: &'a Data,
     threads: usize,
+    iterations: usize,
 ) -> FittedModel<'a> {
     let n_declared = declared.problem.globals.len();
     let mut problem = declared.problem.clone();
@@ -186,31 +258,11 @@ pub fn refitted<'a>(
     for (own, from) in point.locals.iter_mut().zip(&model.fit.point.locals) {
         own.clone_from_slice(&from[..at_local]);
     }
-    let records = problem.data.records.len();
     let mut effects = Vec::new();
-    let mut at = n_declared;
-    for (i, h) in model.effects.iter().enumerate() {
-        let mut values = h.values.clone();
-        let mut phases = vec![0.0; records];
-        for (k, row) in h.rows.iter().enumerate() {
-            match row.kind {
-                Kind::Amplitude | Kind::Shape | Kind::PerMark => {
-                    values[k] = model.problem.globals[at].law.value(model.fit.point.globals[at]);
-                    at += 1;
-                }
-                Kind::Phase => {
-                    for phase in &mut phases {
-                        *phase = model.problem.globals[at].law.value(model.fit.point.globals[at]);
-                        at += 1;
-                    }
-                }
-                Kind::Whole | Kind::Index | Kind::Start | Kind::Given => {}
-            }
-        }
+    for ((i, h), fit_start) in model.effects.iter().enumerate().zip(fitted_values(model)) {
         let locals = at_local..at_local + h.own_locals;
         at_local = locals.end;
         if kept.contains(&i) {
-            let fit_start = FitStart { values, phases, travels: Vec::new() };
             (problem, point) = candidates::with_hypothesis(&problem, &point, h, &fit_start);
             for (own, from) in point.locals.iter_mut().zip(&model.fit.point.locals) {
                 let first = own.len() - locals.len();
@@ -224,7 +276,7 @@ pub fn refitted<'a>(
         effects.push(h.clone());
     }
     problem.reverse_better_starts(&mut point, threads);
-    fit_model(problem, &point, own, effects, threads, 40)
+    fit_model(problem, &point, own, effects, threads, iterations)
 }
 
 /// Path of an effect in the machine. Declared effects of the same kind at the same place come first.
@@ -255,7 +307,42 @@ pub fn inflation(model: &FittedModel) -> f64 {
     variance * n as f64 / stats::effective(&parts)
 }
 
-/// Standard error of a scaled global.
+/// Standard error of a scaled global: the larger of that of coloured noise of one variance, and that of blocks of the records, which
+/// holds where the rest is neither white nor alike everywhere.
 pub fn standard_error(model: &FittedModel, global: usize) -> f64 {
-    libm::sqrt((model.fit.covariance[(global, global)] * inflation(model)).max(0.0))
+    let variance = (model.fit.covariance[(global, global)] * inflation(model)).max(0.0);
+    libm::sqrt(variance.max(block_variance(model, global).unwrap_or(0.0)))
+}
+
+/// Blocks of a segment, and blocks at least for a variance.
+const BLOCKS: usize = 8;
+const LEAST_BLOCKS: usize = 6;
+
+/// Variance of a scaled global from blocks of an eighth of every segment, each of which is taken as one draw (sandwich, White 1980, Newey
+/// and West 1987): H (sum of g g') H with H the covariance and g the gradient of a block.
+fn block_variance(model: &FittedModel, global: usize) -> Option<f64> {
+    let row = model.fit.covariance.column(global);
+    let channels = model.problem.channels.len().max(1);
+    let (mut sum, mut blocks) = (0.0, 0_usize);
+    for (residuals, jacobian) in model.fit.residuals.iter().zip(&model.fit.jacobians) {
+        if residuals.is_empty() || jacobian.nrows() != residuals.len() {
+            continue;
+        }
+        let along = |i: usize| (0..row.len()).map(|g| jacobian[(i, g)] * row[g]).sum::<f64>();
+        let own: Vec<f64> = (0..residuals.len()).map(along).collect();
+        if own.iter().all(|x| *x == 0.0) {
+            continue;
+        }
+        let n = residuals.len() / channels;
+        for b in 0..BLOCKS.min(n) {
+            let samples = b * n / BLOCKS.min(n)..(b + 1) * n / BLOCKS.min(n);
+            let of = |c: usize| samples.clone().map(|i| own[c * n + i] * residuals[c * n + i]).sum::<f64>();
+            let gradient: f64 = (0..channels).map(of).sum();
+            sum += gradient * gradient;
+            blocks += 1;
+        }
+    }
+    let free = model.problem.globals.len().min(blocks / 2);
+    let variance = sum * blocks as f64 / (blocks - free).max(1) as f64;
+    (blocks >= LEAST_BLOCKS && variance.is_finite()).then_some(variance)
 }

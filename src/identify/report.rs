@@ -3,6 +3,7 @@
 
 use super::accept::{AcceptedResult, Rival};
 use super::diagnosis::Diagnosis;
+use super::inverse::InverseDynamics;
 use super::judge::Residuals;
 use super::model::{FittedModel, placed_path, standard_error};
 use super::problem::{Point, Problem};
@@ -22,6 +23,8 @@ use serde::Serialize;
 pub enum IdentificationVerdict {
     /// These effects are accepted.
     Named,
+    /// These effects stand, but only with a number of the drive that no machine has: see the doubts.
+    Lead,
     /// One of several sets of effects, which these records cannot distinguish.
     Ambiguous,
     /// No effect of the catalogue is accepted.
@@ -219,6 +222,10 @@ pub struct IdentificationReport {
     pub numbers_before: Vec<FittedNumber>,
     /// Numbers of the drive, fitted together with the accepted effects.
     pub numbers_after: Vec<FittedNumber>,
+    /// Numbers by inverse dynamics, beside those of the simulation; None where motion and force are not both measured.
+    pub inverse_dynamics: Option<InverseDynamics>,
+    /// Numbers that the fit moved further from the file than a machine can be, and that inverse dynamics does not confirm.
+    pub doubts: Vec<String>,
     /// Numbers, of the drive and of effects, that the records hardly tell apart.
     pub correlations: Vec<Correlation>,
     /// Shares of the declared model's squared error: effects, noise floor, rest.
@@ -252,6 +259,19 @@ pub struct IdentificationReport {
     /// Measured and computed series of every segment, for plots.
     #[serde(skip)]
     pub curves: Vec<Curve>,
+}
+
+/// Two ways give the same number where they differ by this share at most.
+const SAME_NUMBER: f64 = 0.3;
+
+impl IdentificationReport {
+    /// Whether inverse dynamics gives the same number as the simulation.
+    pub(super) fn is_confirmed(&self, path: &str) -> bool {
+        let numbers = self.inverse_dynamics.iter().flat_map(|i| &i.numbers);
+        numbers
+            .into_iter()
+            .any(|n| n.path == path && (n.inverse - n.simulated).abs() <= SAME_NUMBER * n.simulated.abs())
+    }
 }
 
 fn numbers(
@@ -372,6 +392,9 @@ fn effect(found: &AcceptedResult, which: usize, data: &Data) -> NamedEffect {
     let prefix = format!("{path}.");
     let globals = (0..best.problem.globals.len())
         .filter(|g| best.problem.machine.slots[best.problem.globals[*g].slot].path.starts_with(&prefix));
+    // A record that takes no part in the fit has a phase of its own, which is no result.
+    let fits = |r: usize| best.problem.data.segments.iter().any(|s| s.record == r && s.judge_from > 0);
+    let globals = globals.filter(|g| best.problem.globals[*g].record.is_none_or(fits));
     let mut parameters = numbers(best, data, globals, &[]);
     let standard_error = parameters.first().map_or(0.0, |p| p.standard_error);
     // Integer parameters belong to the name, and to the drive file.
@@ -485,6 +508,8 @@ pub fn report(measurement: &Measurement, data: &Data, found: &AcceptedResult) ->
         alike: found.alike.clone(),
         facts: data.facts.clone(),
         clocks: data.clocks.clone(),
+        inverse_dynamics: None,
+        doubts: Vec::new(),
         warnings: data.warnings.clone(),
         converged: found.declared.fit.converged && best.fit.converged,
         interrupted: false,

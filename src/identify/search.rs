@@ -6,6 +6,7 @@
 
 use super::candidates::{self, Hypothesis, Sizes};
 use super::fit::{Fit, FitOptions, fit, parallel};
+use super::inverse;
 use super::judge;
 use super::model::{FittedModel, fit_model, score};
 use super::problem::{Global, Law, Point, Problem};
@@ -17,7 +18,7 @@ use crate::drive::sensors::is_signal;
 use crate::machine::Machine;
 use crate::machine::simulate::MAX_STEPS;
 use crate::measurement::segments::{Data, RecordSegment};
-use crate::measurement::{FitScope, Measurement};
+use crate::measurement::{CandidateSpec, FitScope, Measurement};
 use crate::units::within;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
@@ -98,6 +99,8 @@ pub struct SearchResult<'a> {
     pub alike: Vec<IndistinguishablePair>,
     /// All hypotheses for the declared model, in every form.
     pub hypotheses: Vec<Hypothesis>,
+    /// Whether the search began at a set from inverse dynamics, so that few hypotheses were fitted.
+    pub is_settled: bool,
     pub cut_short: bool,
 }
 
@@ -217,26 +220,51 @@ pub fn search<'a>(
     own: &'a Data,
     context: &Context<'_>,
 ) -> SearchResult<'a> {
+    let starts = inverse::starts(measurement, &problem, context);
     context.report("fitting the declared model");
     let mut declared = baseline(problem, own, context);
+    let mut prepared: Vec<FittedModel<'a>> = Vec::new();
+    for (problem, start, effects) in starts {
+        if context.must_end() {
+            break;
+        }
+        let model = fit_model(problem, &start, own, effects, context.threads, 40);
+        match model.effects.is_empty() {
+            true if model.misfit() < declared.misfit() - DEVIANCE_TOLERANCE => declared = model,
+            true => {}
+            false => prepared.push(model),
+        }
+    }
     set_step_limit(&mut declared.problem, &declared.fit.point);
     // Detectable sizes and indistinguishable pairs are those at the declared model, where the search also begins.
     let base = LinearisedBase::new(&declared.problem, &declared.fit);
-    let first = screened(measurement, &declared, &base, context);
+    let first = screened(&measurement.candidates, &declared, &base, context);
     let detectable = structure::detectable(&declared.problem.machine, &base, &first.hypotheses, &first.screenings);
     let alike = structure::indistinguishable_pairs(&first.hypotheses, &first.screenings);
     let hypotheses = first.hypotheses.clone();
     let mut first = Some(first);
     let mut reasons = Vec::new();
     let mut trials: Vec<Trial> = Vec::new();
-    let mut beam: Vec<FittedModel<'a>> = vec![declared.clone()];
+    // What inverse dynamics has settled is where the search goes on.
+    let settled = settled_by_inverse_dynamics(&declared, &prepared);
+    let first_round = settled.map_or(1, |m| m.effects.len() + 1);
+    let is_settled = settled.is_some();
+    if is_settled {
+        // Its hypotheses are those for the declared model.
+        first = None;
+    }
+    let mut beam: Vec<FittedModel<'a>> = vec![settled.unwrap_or(&declared).clone()];
     // Sets that were fitted: starting near the file's parameters, and far from them.
     let mut seen: [Vec<Vec<String>>; 2] = [vec![Vec::new()], vec![Vec::new()]];
     let file = declared.problem.start();
     let mut all: Vec<FittedModel<'a>> = vec![declared.clone()];
     let mut cut_short = false;
     let effort = declared.problem.machine.effort();
-    for round in 1..=effort.effects {
+    for m in &prepared {
+        let beside: Vec<String> = m.effects[1..].iter().map(Hypothesis::identity).collect();
+        record_trial(&mut trials, m.effects[0].identity(), &beside, None, stats::rms(&m.fit_residuals[0]));
+    }
+    for round in first_round..=effort.effects {
         let mut next: Vec<FittedModel<'a>> = Vec::new();
         for model in &beam {
             if model.is_exhausted() {
@@ -248,7 +276,7 @@ pub fn search<'a>(
             }
             context.report(&format!("round {round}: screening hypotheses"));
             let screened_now = first.take().unwrap_or_else(|| {
-                screened(measurement, model, &LinearisedBase::new(&model.problem, &model.fit), context)
+                screened(&measurement.candidates, model, &LinearisedBase::new(&model.problem, &model.fit), context)
             });
             let seen = &mut seen[usize::from(is_far(&declared.problem, &file, &model.fit.point))];
             let grown = extend_by_one_effect(screened_now, model, own, context, seen, &mut trials, &mut reasons);
@@ -258,7 +286,8 @@ pub fn search<'a>(
             && let Some(near) = near_the_file(&declared, own, context)
         {
             context.report("round 1: searching again from the drive's own parameters");
-            let screened_now = screened(measurement, &near, &LinearisedBase::new(&near.problem, &near.fit), context);
+            let screened_now =
+                screened(&measurement.candidates, &near, &LinearisedBase::new(&near.problem, &near.fit), context);
             next.extend(extend_by_one_effect(
                 screened_now,
                 &near,
@@ -277,6 +306,7 @@ pub fn search<'a>(
             }
             next.extend(found);
         }
+        next.extend(prepared.iter().filter(|m| m.effects.len() == round).cloned());
         if next.is_empty() {
             break;
         }
@@ -309,12 +339,39 @@ pub fn search<'a>(
         all.sort_by(|a, b| score(a, &effective).total_cmp(&score(b, &effective)));
         effective
     };
+    // A set may explain what none of its parts does alone, so that the rounds ended before it.
+    let known: Vec<Vec<String>> = all.iter().map(FittedModel::identity).collect();
+    all.extend(prepared.into_iter().filter(|m| !known.contains(&m.identity())));
     sorted(&mut all);
     let again: Vec<_> =
         all.iter().take(REFITTED_SETS).filter_map(|m| from_the_file(&declared, m, own, context)).collect();
     all.extend(again);
     let effective = sorted(&mut all);
-    SearchResult { declared, all, effective, trials, reasons, detectable, alike, hypotheses, cut_short }
+    SearchResult { declared, all, effective, trials, reasons, detectable, alike, hypotheses, is_settled, cut_short }
+}
+
+/// A set from inverse dynamics has settled what is missing where it leaves at most this share of the declared model's error, or hardly
+/// more than noise, and no larger one leaves less than half of that.
+const SETTLED_SHARE: f64 = 0.1;
+const CLEARLY_LESS: f64 = 0.5;
+/// Held-out records must lose nearly as much.
+const HELD_OUT_AS_WELL: f64 = 1.5;
+
+/// The smallest set from inverse dynamics that explains the records, fitted to them as a simulation.
+fn settled_by_inverse_dynamics<'m, 'a>(
+    declared: &FittedModel<'a>,
+    prepared: &'m [FittedModel<'a>],
+) -> Option<&'m FittedModel<'a>> {
+    let error = |m: &FittedModel| judge::mean_error(&m.fit_residuals);
+    let held_out = |m: &FittedModel| m.residuals().judge_ratio(declared.residuals())[0];
+    // Held-out records are run for those alone that explain the others.
+    let explains = |m: &&FittedModel| {
+        let share = error(m) / error(declared);
+        (m.is_near_the_floor() || share < SETTLED_SHARE) && held_out(m) < (HELD_OUT_AS_WELL * share).max(SETTLED_SHARE)
+    };
+    let least = prepared.iter().map(error).fold(f64::MAX, f64::min);
+    let clear = prepared.iter().filter(explains).filter(|m| CLEARLY_LESS * error(m) <= least);
+    clear.min_by(|a, b| a.effects.len().cmp(&b.effects.len()).then(error(a).total_cmp(&error(b))))
 }
 
 /// A free parameter that moved by e to this power from its file value may hide a missing effect.
@@ -333,25 +390,43 @@ const IMPLAUSIBLE_CHANGE: f64 = 1.6;
 /// With one, a parameter so many of its standard deviations from its file value: one of 16,000 by chance.
 const SURPRISING: f64 = 4.0;
 
-/// Warnings about declared parameters that the final fit has moved far from their file values.
-pub fn moved_parameters(declared: &FittedModel, best: &FittedModel) -> Vec<String> {
+/// A declared number that the final fit has moved far from its file value.
+pub struct MovedNumber {
+    /// Path of the number in the drive file.
+    pub path: String,
+    /// What the user is told.
+    pub text: String,
+    /// Whether nothing in the measurement file says that it may lie so far off.
+    pub is_implausible: bool,
+}
+
+/// Declared numbers that the final fit has moved far from their file values.
+pub fn moved_parameters(measurement: &Measurement, declared: &FittedModel, best: &FittedModel) -> Vec<MovedNumber> {
     let file = declared.problem.start();
     let numbers = declared.problem.globals.iter().zip(file.globals.iter().zip(&best.fit.point.globals));
     let text = |(g, (from, to)): (&Global, (&f64, &f64))| {
-        let path = &declared.problem.machine.slots[g.slot].path;
+        let path = declared.problem.machine.slots[g.slot].path.clone();
         let times = if g.law.logarithm { libm::exp(to - from) } else { g.law.value(*to) / g.law.value(*from) };
         let moved = format!("the fit has moved `{path}` to {times:.3} times the file's value");
-        match g.prior {
-            None => (g.law.logarithm && (from - to).abs() > IMPLAUSIBLE_CHANGE).then(|| {
-                format!("{moved}: it may hide a missing effect; `low` and `high`, or `spread_percent`, would limit it")
-            }),
+        let (far, why) = match g.prior {
+            None => (
+                g.law.logarithm && (from - to).abs() > IMPLAUSIBLE_CHANGE,
+                ": it may hide a missing effect; `low` and `high`, or `spread_percent`, would limit it".to_string(),
+            ),
             Some((mean, spread)) => {
                 let off = ((to - mean) / spread).abs();
-                (off > SURPRISING).then(|| {
-                    format!("{moved}, {off:.1} times its `spread_percent`: it may hide a missing effect, or the file's value is wrong")
-                })
+                let why = format!(
+                    ", {off:.1} times its `spread_percent`: it may hide a missing effect, or the file's value is wrong"
+                );
+                (off > SURPRISING, why)
             }
-        }
+        };
+        let own = measurement.fit.iter().find(|f| f.path == path);
+        let has_range = own.is_some_and(|f| f.low.is_some() || f.high.is_some());
+        // A load is small where an effect takes its place.
+        let is_load = path.starts_with("loads.");
+        let is_implausible = g.prior.is_none() && !has_range && !is_load;
+        far.then(|| MovedNumber { path, text: moved + &why, is_implausible })
     };
     numbers.filter_map(text).collect()
 }
@@ -422,7 +497,7 @@ fn from_stretches<'a>(
     if context.must_end() {
         return Vec::new();
     }
-    let ScreenedHypotheses { hypotheses, screenings, .. } = screened(measurement, &short, &base, context);
+    let ScreenedHypotheses { hypotheses, screenings, .. } = screened(&measurement.candidates, &short, &base, context);
     let mut order: Vec<usize> = (0..hypotheses.len()).filter(|i| !screenings[*i].columns.is_empty()).collect();
     order.sort_by(|a, b| screenings[*b].gain.total_cmp(&screenings[*a].gain).then(a.cmp(b)));
     let mut chosen: Vec<usize> = Vec::new();
@@ -504,24 +579,31 @@ struct ScreenedHypotheses {
     left_out: Vec<(String, String)>,
 }
 
-fn screened(
-    measurement: &Measurement,
-    model: &FittedModel,
-    base: &LinearisedBase,
-    context: &Context,
-) -> ScreenedHypotheses {
+fn screened(spec: &CandidateSpec, model: &FittedModel, base: &LinearisedBase, context: &Context) -> ScreenedHypotheses {
     let sizes = Sizes::new(&model.problem, &model.fit.point);
     let slots: Vec<usize> = model.problem.globals.iter().map(|g| g.slot).collect();
     let (m, data) = (&model.problem.machine, model.problem.data);
     let mut left_out = Vec::new();
-    let hypotheses = candidates::all(m, data, &sizes, &measurement.candidates, &slots, &mut left_out);
+    let hypotheses = candidates::all(m, data, &sizes, spec, &slots, &mut left_out);
     let screened = |i: usize| screen(&model.problem, base, &model.fit, &hypotheses[i]);
     let screenings = parallel(hypotheses.len(), context.threads, screened);
     ScreenedHypotheses { hypotheses, screenings, left_out }
 }
 
+/// The model with one more effect of those of `spec`, in every form that justifies a fit.
+pub(super) fn grown<'a>(
+    spec: &CandidateSpec,
+    model: &FittedModel<'a>,
+    own: &'a Data,
+    context: &Context<'_>,
+    seen: &mut Vec<Vec<String>>,
+) -> Vec<FittedModel<'a>> {
+    let screened_now = screened(spec, model, &LinearisedBase::new(&model.problem, &model.fit), context);
+    extend_by_one_effect(screened_now, model, own, context, seen, &mut Vec::new(), &mut Vec::new())
+}
+
 /// Effective samples of every channel, from the residuals of the model with the smallest error.
-fn best_effective(models: &[FittedModel]) -> Vec<f64> {
+pub(super) fn best_effective(models: &[FittedModel]) -> Vec<f64> {
     let error = |m: &FittedModel| judge::mean_error(&m.fit_residuals);
     models
         .iter()

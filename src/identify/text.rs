@@ -39,6 +39,7 @@ fn verdict(r: &IdentificationReport) -> String {
     };
     match r.outcome {
         IdentificationVerdict::Named => format!("NAMED: {}", named(true)),
+        IdentificationVerdict::Lead => format!("LEAD, not named: {}", named(true)),
         IdentificationVerdict::Ambiguous => format!("AMBIGUOUS: {}", named(false)),
         IdentificationVerdict::None => "NONE: no effect of the catalogue explains the residual".to_string(),
     }
@@ -70,6 +71,9 @@ fn write_all(t: &mut String, r: &IdentificationReport) {
                 "NOT EXPLAINED: what is left is above the noise floor, or not white"
             }
         )?;
+        for doubt in &r.doubts {
+            writeln!(t, "DOUBT: {doubt}")?;
+        }
         if r.interrupted || r.budget_spent || !r.converged {
             let why = if r.interrupted {
                 "interrupted"
@@ -83,6 +87,10 @@ fn write_all(t: &mut String, r: &IdentificationReport) {
         errors(t, r)?;
         effects(t, r)?;
         declared_numbers(t, r)?;
+        inverse_dynamics(t, r)?;
+        for w in &r.warnings {
+            writeln!(t, "warning: {w}")?;
+        }
         push_remaining_sections(t, r)
     })();
 }
@@ -220,8 +228,27 @@ fn declared_numbers(t: &mut String, r: &IdentificationReport) -> std::fmt::Resul
             "these records know a combination of `{a}` and `{b}` far better than each of them: correlation {coefficient:.3}"
         )?;
     }
-    for w in &r.warnings {
-        writeln!(t, "warning: {w}")?;
+    Ok(())
+}
+
+/// Writes the numbers by inverse dynamics beside those of the simulation.
+fn inverse_dynamics(t: &mut String, r: &IdentificationReport) -> std::fmt::Result {
+    let Some(inverse) = &r.inverse_dynamics else { return Ok(()) };
+    writeln!(
+        t,
+        "\ninverse dynamics: the measured motion, smoothed over {} s, needs the measured force but for {:.2} % of it",
+        four_digits(inverse.smoother_s),
+        100.0 * inverse.error_share
+    )?;
+    for n in &inverse.numbers {
+        writeln!(
+            t,
+            "    {:<50} simulated {:>9}, by inverse dynamics {:>9} +- {}",
+            n.path,
+            four_digits(n.simulated),
+            four_digits(n.inverse),
+            four_digits(n.standard_error)
+        )?;
     }
     Ok(())
 }

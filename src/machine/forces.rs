@@ -37,6 +37,9 @@ pub(super) struct ActingForces {
     pub(super) slopes: Vec<(usize, f64)>,
 }
 
+/// A speed may change within a sample by so many times what its acceleration at the beginning says.
+const MARGIN: f64 = 2.0;
+
 impl<'a> PreparedMachine<'a> {
     pub(super) fn new(m: &'a Machine, values: &'a [f64], max_steps: f64) -> PreparedMachine<'a> {
         let of = |p: &PlacedEffect| p.slots.iter().map(|s| values[*s]).collect::<Vec<f64>>();
@@ -180,6 +183,36 @@ impl<'a> PreparedMachine<'a> {
             highest = Some(highest.map_or(order, |h: f64| h.max(order)));
         }
         highest
+    }
+
+    /// Steps that the coming sample needs: 30 for the fastest oscillation, ten for a wave of the highest order, and a stable number for
+    /// the friction at the speeds that may come in it.
+    pub(super) fn steps_of_sample(
+        &self,
+        q: &[f64],
+        v: &[f64],
+        step_s: f64,
+        input: &[f64],
+        acting: &mut ActingForces,
+    ) -> f64 {
+        self.forces(q, v, acting);
+        let reach: Vec<f64> =
+            (0..v.len()).map(|i| MARGIN * step_s * ((acting.force[i] + input[i]) / self.inertia[i]).abs()).collect();
+        let highest: Vec<f64> = v.iter().zip(&reach).map(|(v, reach)| v.abs() + reach).collect();
+        // Springs, and friction far from rest.
+        let (omega, _) = self.rates(&highest, true);
+        let mut rate = vec![0.0_f64; v.len()];
+        for (body, law, p) in &self.on_body {
+            let near = (v[*body].abs() - reach[*body]).max(0.0) * v[*body].signum();
+            let d = 1e-6 * highest[*body].max(1e-9);
+            let at = |v: f64| law(p, BodyAt { q: q[*body], v });
+            let slope = |v: f64| (at(v + d) - at(v - d)).abs() / (2.0 * d);
+            rate[*body] += slope(near).max(slope(v[*body])).max(slope(highest[*body])) / self.inertia[*body];
+        }
+        let fastest = highest.iter().copied().fold(0.0, f64::max);
+        let waves = self.highest_order().map_or(0.0, |order| order * fastest / (2.0 * PI));
+        let rate = 2.0 * rate.into_iter().fold(0.0, f64::max);
+        (step_s * omega / 0.2).max(step_s * rate / 2.0).max(10.0 * step_s * waves).max(1.0)
     }
 
     /// Highest angular frequency, and highest slope of a force over speed divided by inertia [rad/s, 1/s].

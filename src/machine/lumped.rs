@@ -40,7 +40,18 @@ impl Fidelity for Lumped {
         };
         let sprung = |i: usize| m.springs.iter().any(|s| s.ends.iter().any(|e| e.body == i));
         match effect.on {
-            On::Body => bodies(&|b| b.motion == BodyMotion::Free && !(b.slides && by_angle)),
+            On::Body => {
+                // Where the motion is prescribed, a force on the body shows in what drives it.
+                let felt = |i: usize| {
+                    let measured = matches!(m.bodies[i].motion, BodyMotion::Measured(_));
+                    m.bodies[i].motion == BodyMotion::Free
+                        || measured && m.sensors.iter().any(|s| s.reads == Reads::Reaction(i))
+                };
+                let all = m.bodies.iter().enumerate();
+                all.filter(|(i, b)| declared(&b.path) && felt(*i) && !(b.slides && by_angle))
+                    .map(|(i, b)| (b.name.clone(), Target::Body(i)))
+                    .collect()
+            }
             // A measured speed already contains its fluctuation.
             On::Prescribed => bodies(&|b| matches!(b.motion, BodyMotion::Constant(_)) && !b.slides),
             On::Sprocket => {

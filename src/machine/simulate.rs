@@ -202,6 +202,25 @@ impl Rk4Buffers {
     }
 }
 
+/// Whether every sample takes the steps that it needs by itself: where friction is stiff near rest alone, and nothing looks between the
+/// samples. Effects of inputs and sensors go over all nodes.
+fn is_sparse(ready: &PreparedMachine, even: bool, channels: &[usize], wanted: f64) -> bool {
+    let m = ready.m;
+    let looks_between = |c: &usize| {
+        let placed = m.placed.iter().any(|p| p.target == Target::Sensor(*c));
+        placed || matches!(m.sensors[*c].reads, Reads::Reaction(_))
+    };
+    let on_input = m.placed.iter().any(|p| matches!(p.target, Target::Input(_)));
+    let moves = m.inputs.iter().any(|i| !matches!(i.kind, InputKind::Force(_)));
+    if wanted < LEAST_SPARSE || !even || on_input || moves || clock(m, ready.values) != 0.0 {
+        return false;
+    }
+    !channels.iter().any(looks_between)
+}
+
+/// Steps per sample from which samples take their own number.
+const LEAST_SPARSE: f64 = 4.0;
+
 /// A run with samples at given times.
 fn sampled(
     ready: &PreparedMachine,
@@ -215,7 +234,9 @@ fn sampled(
     if !(wanted.is_finite() && wanted <= ready.max_steps) {
         return Err(RunError::Stiff { steps: wanted });
     }
-    let parts = wanted as usize;
+    let sparse = is_sparse(ready, even, channels, wanted);
+    // Halves of halves of a sample, so that every sample can choose its own.
+    let parts = if sparse { (wanted as usize).next_power_of_two() } else { wanted as usize };
     let h = step_s / parts as f64;
     let span = t_s.last().copied().unwrap_or(0.0);
     let n_steps = if even { (t_s.len() - 1) * parts } else { libm::ceil(span / h - 1e-9) as usize };
@@ -233,7 +254,13 @@ fn sampled(
     let mut traces: Vec<Vec<f64>> = channels.iter().map(|_| Vec::with_capacity(n_steps + 1)).collect();
     let mut angles: Vec<Vec<f64>> = channels.iter().map(|_| Vec::with_capacity(n_steps + 1)).collect();
     let mut speeds: Vec<Vec<f64>> = channels.iter().map(|_| Vec::new()).collect();
+    // Nodes that one step of the present sample crosses.
+    let stride = std::cell::Cell::new(1);
     for step in 0..=n_steps {
+        let is_sample = step % parts == 0;
+        if step % stride.get() != 0 {
+            continue;
+        }
         let q_before = q.clone();
         let at_step = step.min(n_steps.saturating_sub(1));
         let late = if step == n_steps && n_steps > 0 { 1.0 } else { 0.0 };
@@ -243,7 +270,7 @@ fn sampled(
                 let series = if input.kind == InputKind::Angle { &slopes[k] } else { &inputs[k] };
                 let last = series.len().saturating_sub(1);
                 let a = series.get(at_step.min(last)).copied().unwrap_or(0.0);
-                let b = series.get((at_step + 1).min(last)).copied().unwrap_or(a);
+                let b = series.get((at_step + stride.get()).min(last)).copied().unwrap_or(a);
                 let u = if smooth[k] {
                     a + (b - a) * x
                 } else if x > 1.0 {
@@ -265,7 +292,17 @@ fn sampled(
                 v[*body] *= 1.0 + law(p, q[*body]);
             }
         };
-        rk4(ready, &mut q, &mut v, h, &mut work, &mut at);
+        if sparse && is_sample && step < n_steps {
+            stride.set(1);
+            work.input.fill(0.0);
+            at(0.0, &q, &mut v, &mut work.input);
+            let needed = ready.steps_of_sample(&q, &v, step_s, &work.input, &mut work.acting);
+            stride.set(parts / (libm::ceil(needed) as usize).next_power_of_two().clamp(1, parts));
+        }
+        rk4(ready, &mut q, &mut v, h * stride.get() as f64, &mut work, &mut at);
+        if sparse && !is_sample {
+            continue;
+        }
         for (c, channel) in channels.iter().enumerate() {
             let sensor = &m.sensors[*channel];
             let gain = ready.values[sensor.gain];
@@ -305,7 +342,9 @@ fn sampled(
                 }
             }
             let trace = through_sensor(m, ready.values, *channel, std::mem::take(&mut traces[c]), &angles[c], h);
-            if even && clock == 0.0 {
+            if sparse {
+                trace
+            } else if even && clock == 0.0 {
                 (0..t_s.len()).map(|i| trace[i * parts]).collect()
             } else {
                 t_s.iter().map(|t| between(&trace, t / (1.0 + clock) / h)).collect()
