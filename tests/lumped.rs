@@ -451,6 +451,8 @@ fn dry_friction_stops_a_disc_when_its_closed_form_says() {
         assert!((out[0][i] - v).abs() < 2.0 * stick, "{i}: {} {v}", out[0][i]);
         assert!((out[1][i] - q).abs() < 1e-3, "{i}: {} {q}", out[1][i]);
         if v > 0.5 {
+            // The law's sign is v / sqrt(v^2 + stick^2), so that friction falls short of T by stick^2 / 2 v^2.
+            let v = v + 0.5 * stick * stick * (1.0 / v - 1.0 / 10.0);
             assert!((out[0][i] - v).abs() < 1e-9, "{i}: {} {v}", out[0][i]);
         }
     }

@@ -212,7 +212,8 @@ fn is_sparse(ready: &PreparedMachine, even: bool, channels: &[usize], wanted: f6
     };
     let on_input = m.placed.iter().any(|p| matches!(p.target, Target::Input(_)));
     let moves = m.inputs.iter().any(|i| !matches!(i.kind, InputKind::Force(_)));
-    if wanted < LEAST_SPARSE || !even || on_input || moves || clock(m, ready.values) != 0.0 {
+    // With springs, the number of steps would change results in digits that the fit sees.
+    if wanted < LEAST_SPARSE || !m.springs.is_empty() || !even || on_input || moves || clock(m, ready.values) != 0.0 {
         return false;
     }
     !channels.iter().any(looks_between)
