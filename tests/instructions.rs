@@ -18,10 +18,11 @@ const TOLERANCE: f64 = 0.05;
 type Counted = (&'static str, &'static [&'static str], f64, f64, [u32; 2]);
 
 /// The same for drives whose links have contours of their own: silent, abutments on lobes and round rings, abutments
-/// that hand over from link to link.
+/// that hand over from link to link. 512.3, 762.0 and 786.9 with contacts whose damper is constant. Two builds of the
+/// same loop differ by 1 %: the assembly before it, which both runs have, allocates differently.
 const CONTOURS: [Counted; 3] = [
-    ("silent-20-40", &[], 90.0, 512.3, [2, 4]),
-    ("smartchain-20-40", &[], 90.0, 762.0, [2, 12]),
+    ("silent-20-40", &[], 90.0, 535.9, [2, 4]),
+    ("smartchain-20-40", &[], 90.0, 816.0, [2, 12]),
     (
         "smartchain-20-40",
         &[
@@ -33,7 +34,7 @@ const CONTOURS: [Counted; 3] = [
             "chain.smartchain.handover=two_links",
         ],
         80.0,
-        786.9,
+        864.7,
         [2, 12],
     ),
 ];

@@ -28,16 +28,16 @@ use serde::Serialize;
 use std::sync::atomic::AtomicU64;
 
 /// A machine whose measured motions are prescribed, with the records for it.
-#[derive(Clone, Debug)]
-pub struct InverseRecords {
-    pub machine: Machine,
-    pub data: Data,
+struct InverseRecords {
+    machine: Machine,
+    data: Data,
     /// Length of the smoother, from its first to its last sample [s].
-    pub width_s: f64,
+    width_s: f64,
 }
 
+// None of the following was varied; the sets that they gave were right on closed loops, servos near friction and sliders of a blind set.
 /// Samples on either side in each of the three moving averages.
-pub const HALVES: [usize; 7] = [0, 1, 3, 9, 27, 81, 243];
+const HALVES: [usize; 7] = [0, 1, 3, 9, 27, 81, 243];
 /// The smoother is no longer than this share of the shortest record.
 const LONGEST_SHARE: f64 = 0.125;
 /// Samples of a record that are left at least.
@@ -55,7 +55,7 @@ struct TurnedBody {
     is_speed: bool,
 }
 
-/// The free bodies whose motions can be prescribed. Empty where the records are none of a lumped machine with even samples.
+/// The free bodies whose motions can be prescribed. Empty for pulses, for a clock that errs, and for drives with links.
 fn turned_bodies(m: &Machine, data: &Data) -> Vec<TurnedBody> {
     let sampled = |s: &RecordSegment| matches!(s.task.samples, Samples::Times { .. });
     let clock = m.placed.iter().any(|p| matches!(p.effect.physics, Physics::Clock(_)));
@@ -73,9 +73,8 @@ fn turned_bodies(m: &Machine, data: &Data) -> Vec<TurnedBody> {
     (0..m.bodies.len()).filter(|b| m.bodies[*b].motion == BodyMotion::Free).filter_map(of).collect()
 }
 
-/// Whether a measured motion and the force that it needs are both known: of a free body a motion and a force that acts on it, of a body
-/// whose motion is an input the force that drives it.
-pub fn is_possible(m: &Machine, data: &Data) -> bool {
+/// Whether of one free body both the motion and a force that acts on it are measured.
+fn is_possible(m: &Machine, data: &Data) -> bool {
     let turned = turned_bodies(m, data);
     turned.iter().any(|t| forces_on(m, t.body).next().is_some())
 }
@@ -90,7 +89,7 @@ fn forces_on(m: &Machine, body: usize) -> impl Iterator<Item = (usize, usize)> {
 
 /// The machine and its records with measured motions prescribed, smoothed over `half` samples on either side. None if nothing can be
 /// turned round, or a record is too short.
-pub fn inverse_records(m: &Machine, data: &Data, half: usize) -> Option<InverseRecords> {
+fn inverse_records(m: &Machine, data: &Data, half: usize) -> Option<InverseRecords> {
     let turned = turned_bodies(m, data);
     let mut machine = m.clone();
     let gain = machine.values.len();
@@ -355,12 +354,8 @@ fn error_with_usual_loads(forward: &Problem, inverse: &InverseRecords, context: 
 }
 
 /// The records with the smoother that leaves the least held-out error, and for each length tried its error [s, share of the force].
-pub fn smoothed_records(
-    forward: &Problem,
-    machine: &Machine,
-    data: &Data,
-    context: &Context,
-) -> Option<(InverseRecords, Vec<(f64, f64)>)> {
+fn smoothed_records(forward: &Problem, context: &Context) -> Option<(InverseRecords, Vec<[f64; 2]>)> {
+    let (machine, data) = (&forward.machine, forward.data);
     let samples: usize = data.segments.iter().map(RecordSegment::len).sum();
     let mut best: Option<(InverseRecords, f64)> = None;
     let mut tried = Vec::new();
@@ -370,7 +365,7 @@ pub fn smoothed_records(
         }
         let Some(records) = inverse_records(machine, data, half) else { continue };
         let error = error_with_usual_loads(forward, &records, context);
-        tried.push((records.width_s, error));
+        tried.push([records.width_s, error]);
         if best.as_ref().is_none_or(|(_, least)| error < *least) {
             best = Some((records, error));
         }
@@ -416,7 +411,8 @@ pub fn second_voice(model: &FittedModel, context: &Context) -> Option<InverseDyn
     if !is_turnable(forward) {
         return None;
     }
-    let (records, tried) = smoothed_records(forward, &forward.machine, forward.data, context)?;
+    // The effects of the model may ask for another smoother than the declared drive does.
+    let (records, tried) = smoothed_records(forward, context)?;
     let own = judge::held_out_segments(&records.data);
     let inverse = problem(forward, &records, forward.runs);
     let start = Point { globals: model.fit.point.globals.clone(), locals: inverse.start().locals };
@@ -434,13 +430,8 @@ pub fn second_voice(model: &FittedModel, context: &Context) -> Option<InverseDyn
             standard_error: standard_error(&found, g) * unit / slot.unit,
         }
     });
-    let numbers = numbers.collect();
-    Some(InverseDynamics {
-        smoother_s: records.width_s,
-        tried: tried.into_iter().map(|(width, error)| [width, error]).collect(),
-        error_share: error_share(&found, &records),
-        numbers,
-    })
+    let (smoother_s, error_share) = (records.width_s, error_share(&found, &records));
+    Some(InverseDynamics { smoother_s, tried, error_share, numbers: numbers.collect() })
 }
 
 /// Held-out error over the force, the mean over the channels.
@@ -473,13 +464,13 @@ pub fn starts<'a>(
         return Vec::new();
     }
     context.report("inverse dynamics: choosing the smoother");
-    let Some((records, _)) = smoothed_records(forward, &forward.machine, forward.data, context) else {
+    let Some((records, _)) = smoothed_records(forward, context) else {
         return Vec::new();
     };
     let own = judge::held_out_segments(&records.data);
     let inverse = problem(forward, &records, forward.runs);
     let start = inverse.start();
-    let mut beam = vec![fit_model(inverse, &start, &own, Vec::new(), context.threads, 40)];
+    let mut beam = vec![fit_model(inverse, &start, &own, Vec::new(), context.threads, FIT_ITERATIONS)];
     let mut found = vec![forward_start(forward, &beam[0])];
     let only: Vec<String> = EFFECTS
         .iter()

@@ -21,6 +21,8 @@ pub mod judge;
 #[doc(hidden)]
 pub mod model;
 #[doc(hidden)]
+pub mod moved;
+#[doc(hidden)]
 pub mod plausible;
 #[doc(hidden)]
 pub mod problem;
@@ -100,7 +102,7 @@ pub fn identify(
         context.report("inverse dynamics: the same numbers by another way");
         report.inverse_dynamics = inverse::second_voice(&found.best, context);
     }
-    for moved in search::moved_parameters(measurement, &found.declared, &found.best) {
+    for moved in moved::moved_numbers(measurement, &found.declared, &found.best) {
         if report.is_confirmed(&moved.path) {
             report.warnings.push(moved.text + "; inverse dynamics gives the same number");
         } else if moved.is_implausible {

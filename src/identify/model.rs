@@ -111,8 +111,18 @@ const MAX_REALIGNMENTS: usize = 3;
 /// Iterations of the fit of a set of effects.
 pub const FIT_ITERATIONS: usize = 40;
 
-/// Share of the cost that a wider range of a shape must take off.
-const WORTH_WIDENING: f64 = 1e-3;
+/// Deviance that a wider range of a shape must take off: two standard errors.
+const WORTH_WIDENING: f64 = 4.0;
+
+/// The model with shapes that ended at the edge of their range fitted beyond it, if that is better. A start that does not come from the
+/// effect's own starting values may lie a decade off.
+pub fn with_shapes_beyond<'a>(model: FittedModel<'a>, own: &'a Data) -> FittedModel<'a> {
+    let Some((wider, start)) = with_wider_shapes(&model.problem, &model.fit.point, &model.effects) else {
+        return model;
+    };
+    let other = fit_model(wider, &start, own, model.effects.clone(), model.threads, FIT_ITERATIONS);
+    if other.misfit() < model.misfit() - WORTH_WIDENING { other } else { model }
+}
 
 /// The problem with new ranges round the shapes of effects that ended at the edge of theirs; None: none did.
 fn with_wider_shapes<'a>(problem: &Problem<'a>, point: &Point, effects: &[Hypothesis]) -> Option<(Problem<'a>, Point)> {
@@ -166,12 +176,6 @@ pub fn fit_model<'a>(
             break;
         }
         found = fit(&problem, &point, options);
-    }
-    if let Some((again, start)) = with_wider_shapes(&problem, &found.point, &effects) {
-        let other = fit(&again, &start, options);
-        if other.cost < (1.0 - WORTH_WIDENING) * found.cost {
-            (problem, found) = (again, other);
-        }
     }
     if problem.channels.len() > 1 {
         let left = judge::fitted_residuals(&problem, &found);

@@ -1,0 +1,52 @@
+//! Declared numbers that the fit has moved far from the drive file: they may hide an effect that is missing.
+
+use super::model::FittedModel;
+use super::problem::Global;
+use crate::measurement::Measurement;
+
+/// Without a stated uncertainty, a parameter this far from its file value is implausible: a factor of 5.
+const IMPLAUSIBLE_CHANGE: f64 = 1.6;
+
+/// With one, a parameter so many of its standard deviations from its file value: one of 16,000 by chance.
+const SURPRISING: f64 = 4.0;
+
+/// A declared number that the final fit has moved far from its file value.
+pub struct MovedNumber {
+    /// Path of the number in the drive file.
+    pub path: String,
+    /// What the user is told.
+    pub text: String,
+    /// Whether nothing in the measurement file says that it may lie so far off.
+    pub is_implausible: bool,
+}
+
+/// Declared numbers that the final fit has moved far from their file values.
+pub fn moved_numbers(measurement: &Measurement, declared: &FittedModel, best: &FittedModel) -> Vec<MovedNumber> {
+    let file = declared.problem.start();
+    let numbers = declared.problem.globals.iter().zip(file.globals.iter().zip(&best.fit.point.globals));
+    let text = |(g, (from, to)): (&Global, (&f64, &f64))| {
+        let path = declared.problem.machine.slots[g.slot].path.clone();
+        let times = if g.law.logarithm { libm::exp(to - from) } else { g.law.value(*to) / g.law.value(*from) };
+        let moved = format!("the fit has moved `{path}` to {times:.3} times the file's value");
+        let (far, why) = match g.prior {
+            None => (
+                g.law.logarithm && (from - to).abs() > IMPLAUSIBLE_CHANGE,
+                ": it may hide a missing effect; `low` and `high`, or `spread_percent`, would limit it".to_string(),
+            ),
+            Some((mean, spread)) => {
+                let off = ((to - mean) / spread).abs();
+                let why = format!(
+                    ", {off:.1} times its `spread_percent`: it may hide a missing effect, or the file's value is wrong"
+                );
+                (off > SURPRISING, why)
+            }
+        };
+        let own = measurement.fit.iter().find(|f| f.path == path);
+        let has_range = own.is_some_and(|f| f.low.is_some() || f.high.is_some());
+        // A load is small where an effect takes its place.
+        let is_load = path.starts_with("loads.");
+        let is_implausible = g.prior.is_none() && !has_range && !is_load;
+        far.then(|| MovedNumber { path, text: moved + &why, is_implausible })
+    };
+    numbers.filter_map(text).collect()
+}
