@@ -71,7 +71,7 @@ pub struct Evidence {
 const CLEAR_SCORE_GAP: f64 = 10.0;
 /// An effect that leaves more than this fraction of the held-out error is not named: its contribution is less than a
 /// third of the remaining error.
-const MAX_REMAINING_SHARE: f64 = 0.95;
+pub(super) const MAX_REMAINING_SHARE: f64 = 0.95;
 /// A set that leaves more than this fraction of the squared error above the noise floor does not explain it: near the
 /// floor, and far from it. In 230 blind cases whose cause is in the catalogue, the named effects left at most 48 % near
 /// the floor and 10 % far from it; where the catalogue lacks the cause, 3 to 53 %. A stricter limit would reject
@@ -88,7 +88,7 @@ const MIN_EXCESS: f64 = 0.01;
 const SHAM_GAINS: f64 = 3.0;
 const SHAM_REMAINDER: f64 = 0.8;
 /// Standard errors by which the size of an effect must differ from nothing: 0.3 % by chance, were they normal.
-const SURE: f64 = 3.0;
+pub(super) const SURE: f64 = 3.0;
 /// A hypothesis whose gain as a small addition is a smaller share of the effect's own is not fitted in its place.
 const RIVAL_GAIN: f64 = 0.25;
 /// Noise over the held-out error at least, where a channel states none: what is left is then all above the floor.
@@ -505,7 +505,7 @@ fn sham_gain(best: &FittedModel, less: &FittedModel, which: usize, threads: usiz
 }
 
 /// Largest distance of an effect's amplitudes from zero, in standard errors; infinite if the effect has no amplitude.
-fn size_in_standard_errors(model: &FittedModel, which: usize) -> f64 {
+pub(super) fn size_in_standard_errors(model: &FittedModel, which: usize) -> f64 {
     let amplitude = |g: &usize| {
         let key = model.problem.machine.slots[model.problem.globals[*g].slot].path.rsplit('.').next();
         let keys = model.problem.machine.keys(model.effects[which].effect, model.effects[which].target);

@@ -89,7 +89,13 @@ pub fn identify(
         }
     }
     let searched = search::search(measurement, problem, &own, context);
-    let found = accept::accept(searched, &own, context);
+    let again = searched.is_settled.then(|| searched.declared.clone());
+    let mut found = accept::accept(searched, &own, context);
+    if let Some(declared) = again.filter(|_| found.best.effects.is_empty() && !context.must_end()) {
+        // What inverse dynamics had settled does not stand.
+        let searched = search::search_from(measurement, declared, (Vec::new(), Vec::new()), &own, context);
+        found = accept::accept(searched, &own, context);
+    }
     let cut_short = found.cut_short || context.must_end();
     let mut report = report::report(measurement, data, &found);
     if search::is_at_step_limit(&found.best) {

@@ -39,8 +39,8 @@ pub(super) struct ActingForces {
 
 /// A speed may change within a sample by so many times what its acceleration at the beginning says.
 const MARGIN: f64 = 2.0;
-/// Shares of a decay time and of a wave that one step may cross: Runge-Kutta then errs by 3e-11 and 8e-9.
-const EXACT_DECAY: f64 = 0.02;
+/// Shares of a decay time and of a wave that one step may cross: Runge-Kutta then errs by 3e-9 and 8e-9.
+const EXACT_DECAY: f64 = 0.05;
 const EXACT_WAVE: f64 = 0.01;
 
 impl<'a> PreparedMachine<'a> {

@@ -20,101 +20,124 @@ pub struct Case {
     pub both: &'static [&'static str],
     /// Set in the drive that makes the records.
     pub truth: &'static [&'static str],
+    /// Numbers of the declared drive that are fitted too, and their `spread_percent`.
+    pub free: &'static [(&'static str, u32)],
     pub path: &'static str,
 }
 
 /// The guide is pressed into the chain, so that its effects are measurable.
 const PRESSED: &[&str] = &["guides.fixed.tight.clearance_um=-500"];
 
-pub const CASES: [Case; 11] = [
-    Case { name: "clean", both: &[], truth: &[], path: "" },
+pub const CASES: [Case; 12] = [
+    Case { name: "clean", both: &[], truth: &[], free: &[], path: "" },
     Case {
         name: "runout of the driver",
         both: &[],
         truth: &["effects.sprocket_runout.driver.amplitude_um=40"],
+        free: &[],
         path: "effects.sprocket_runout.driver",
     },
     Case {
         name: "one long link",
         both: &[],
         truth: &["effects.pitch_error.worn.link=31", "effects.pitch_error.worn.length_um=40"],
+        free: &[],
+        path: "effects.pitch_error.found",
+    },
+    Case {
+        name: "one long link, driven inertia free",
+        both: &[],
+        truth: &["effects.pitch_error.worn.link=31", "effects.pitch_error.worn.length_um=40"],
+        free: &[("sprockets.driven.inertia_kg_m2", 10)],
         path: "effects.pitch_error.found",
     },
     Case {
         name: "alternate pitch",
         both: &[],
         truth: &["effects.alternate_pitch.chain.difference_um=25"],
+        free: &[],
         path: "effects.alternate_pitch.chain",
     },
     Case {
         name: "one damaged tooth",
         both: &[],
         truth: &["effects.gap_error.driver.gap=7", "effects.gap_error.driver.outward_um=60"],
+        free: &[],
         path: "effects.gap_error.driver",
     },
     Case {
         name: "one tight joint",
         both: &[],
         truth: &["effects.tight_joint.rusty.joint=44", "effects.tight_joint.rusty.torque_nm=0.1"],
+        free: &[],
         path: "effects.tight_joint.found",
     },
     Case {
         name: "guide compliance",
         both: PRESSED,
         truth: &["effects.guide_compliance.tight.compliance_um_per_kn=1000"],
+        free: &[],
         path: "effects.guide_compliance.tight",
     },
     Case {
         name: "pin friction",
         both: &[],
         truth: &["effects.pin_friction.chain.friction=0.06"],
+        free: &[],
         path: "effects.pin_friction.chain",
     },
     Case {
         name: "drag of the driven shaft",
         both: &[],
         truth: &["effects.viscous_friction.driven.torque_nm_s_per_rad=0.02"],
+        free: &[],
         path: "effects.viscous_friction.driven",
     },
     Case {
         name: "friction of the driven shaft",
         both: &[],
         truth: &["effects.coulomb_friction.driven.torque_nm=2"],
+        free: &[],
         path: "effects.coulomb_friction.driven",
     },
     Case {
         name: "encoder marks",
         both: &[],
         truth: &["effects.encoder_error.driven.amplitude_deg=0.4", "effects.encoder_error.driven.phase_deg=40"],
+        free: &[],
         path: "effects.encoder_error.driven",
     },
 ];
 
 /// Of the reduction, its second chain of links or of spans.
 pub const REDUCTION_CASES: [Case; 5] = [
-    Case { name: "reduction, clean", both: &[], truth: &[], path: "" },
+    Case { name: "reduction, clean", both: &[], truth: &[], free: &[], path: "" },
     Case {
         name: "reduction, one damaged tooth of the second chain",
         both: &[],
         truth: &["effects.gap_error.pinion.gap=7", "effects.gap_error.pinion.outward_um=60"],
+        free: &[],
         path: "effects.gap_error.pinion",
     },
     Case {
         name: "reduction, one long link of the second chain",
         both: &[],
         truth: &["effects.pitch_error.worn.link=131", "effects.pitch_error.worn.length_um=40"],
+        free: &[],
         path: "effects.pitch_error.second",
     },
     Case {
         name: "reduction, drag of the common shaft",
         both: &[],
         truth: &["effects.viscous_friction.middle.torque_nm_s_per_rad=0.03"],
+        free: &[],
         path: "effects.viscous_friction.driven",
     },
     Case {
         name: "reduction, soft span of a chain of spans",
         both: &["chains.second.fidelity=\"spans\""],
         truth: &["effects.span_stiffness.output-pinion.stiffness_n_per_m=-4e5"],
+        free: &[],
         path: "effects.span_stiffness.output-pinion",
     },
 ];
@@ -239,6 +262,9 @@ pub fn write(folder: &Path, rig: &Rig, case: &Case, seed: u64) {
         measurement += &format!(
             "[files.n{rpm}]\npath = \"{rpm}.csv\"\n[records.n{rpm}]\nfile = \"n{rpm}\"\nuse = \"{usage}\"\nrate_hz = {RATE_HZ}\nset = {{ \"speeds.constant.driver.speed_rpm\" = {rpm} }}\n"
         );
+    }
+    for (path, spread) in case.free {
+        measurement += &format!("[fit.\"{path}\"]\nspread_percent = {spread}\n");
     }
     std::fs::write(folder.join("measured.toml"), measurement).expect("written");
 }
