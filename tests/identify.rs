@@ -406,6 +406,7 @@ fn a_fan_that_runs_down_has_drag_and_a_load_that_may_be_friction() {
     let (shown, stated, doubled) = (noise(""), noise("noise = 20\n"), noise("noise = 40\n"));
     assert!((doubled / stated - 2.0).abs() < 1e-12 && stated > 2.0 * shown, "{shown} {stated} {doubled}");
     let r = identified(&folder.path().join("fan-measured.toml"), 2, ALL).expect("identified");
+    println!("{}", pitchline::identify::text::text(&r));
     assert_eq!(r.outcome, IdentificationVerdict::Ambiguous, "{:?}", paths(&r));
     let mut names = paths(&r);
     names.sort_unstable();

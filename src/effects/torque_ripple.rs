@@ -16,7 +16,9 @@ pub const ROW: Effect = Effect {
     parameters: &[
         Parameter::new("torque_nm", 1.0, -1e6, 1e6, Kind::Amplitude).sliding("force_n").starts(Scale::Force, &[0.1]),
         Parameter::new("phase_deg", DEG, -3600.0, 3600.0, Kind::Phase).default(0.0),
-        Parameter::new("order", 1.0, 0.5, 200.0, Kind::Whole).default(1.0).starts(Scale::One, &[1.0, 2.0, 3.0]),
+        Parameter::new("order", 1.0, 0.5, 200.0, Kind::Whole)
+            .default(1.0)
+            .starts(Scale::One, &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 12.0]),
     ],
     dissipative: false,
     physics: Physics::BodyForce(force),

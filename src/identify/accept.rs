@@ -181,24 +181,37 @@ impl RemainingError {
 }
 
 fn remaining_error(on_sensor: bool, problem: &Problem, judged: &HeldOutComparison) -> RemainingError {
+    let error = match on_sensor {
+        true => judged.with.best_ratio(&judged.without),
+        false => judged.with.judge_ratio(&judged.without)[0],
+    };
+    let held_out = |r: &Residuals, c: usize| r.rms(c).1;
+    RemainingError { error, above_floor: left_above_floor(on_sensor, problem, judged, held_out) }
+}
+
+/// Squared error above the noise floor with effects over that without them, of the errors that `rms` gives for a channel.
+fn left_above_floor(
+    on_sensor: bool,
+    problem: &Problem,
+    judged: &HeldOutComparison,
+    rms: impl Fn(&Residuals, usize) -> f64,
+) -> Option<f64> {
     let (r, b) = (&judged.with, &judged.without);
-    let error = if on_sensor { r.best_ratio(b) } else { r.judge_ratio(b)[0] };
     let best = (0..r.judge.len()).min_by(|x, y| {
-        let gain = |c: usize| r.rms(c).1 / b.rms(c).1.max(1e-300);
+        let gain = |c: usize| rms(r, c) / rms(b, c).max(1e-300);
         gain(*x).total_cmp(&gain(*y))
     });
     let above = |r: &Residuals| -> f64 {
         let of = |(c, channel): (usize, &crate::measurement::segments::MeasuredChannel)| {
             // The floor of a channel is at least a millionth of its remaining error.
-            let noise = channel.noise.max(LEAST_NOISE * b.rms(c).1).max(1e-300);
-            ((r.rms(c).1 / noise).powi(2) - 1.0).max(0.0)
+            let noise = channel.noise.max(LEAST_NOISE * rms(b, c)).max(1e-300);
+            ((rms(r, c) / noise).powi(2) - 1.0).max(0.0)
         };
         let channels = problem.data.channels.iter().enumerate();
         channels.filter(|(c, _)| !on_sensor || best == Some(*c)).map(of).sum()
     };
     let (now, then) = (above(r), above(b));
-    let above_floor = (problem.machine.effort().noise_alone_is_left && then > MIN_EXCESS).then(|| now / then);
-    RemainingError { error, above_floor }
+    (problem.machine.effort().noise_alone_is_left && then > MIN_EXCESS).then(|| now / then)
 }
 
 /// Whether every effect of a set improves on the set without it, if that smaller set was fitted.
@@ -319,9 +332,12 @@ fn reason_why_unexplained(declared: &FittedModel, best: &FittedModel, own: &Data
     // If all effects are on sensors, one channel may be explained and others not.
     let on_sensors = best.effects.iter().all(|e| is_signal(e.effect));
     let effects: Vec<usize> = (0..best.effects.len()).collect();
-    let left = remaining_error(on_sensors, &best.problem, &compare_held_out(best, declared, &effects, own, threads))
-        .above_floor
-        .filter(|left| *left > if best.is_near_the_floor() { MAX_ABOVE_FLOOR } else { MAX_ABOVE_FLOOR_FAR })?;
+    let judged = compare_held_out(best, declared, &effects, own, threads);
+    let parts: [fn(&Residuals, usize) -> f64; 2] = [|r, c| r.rms(c).0, |r, c| r.rms(c).1];
+    // A set that explains the held-out records alone has the form of neither.
+    let left = parts.into_iter().filter_map(|part| left_above_floor(on_sensors, &best.problem, &judged, part));
+    let most = if best.is_near_the_floor() { MAX_ABOVE_FLOOR } else { MAX_ABOVE_FLOOR_FAR };
+    let left = left.reduce(f64::max).filter(|left| *left > most)?;
     (!best.effects.is_empty()).then(|| {
         let stays = 100.0 * left;
         format!("a lead, no name: it stands, but {stays:.0} % of the squared error above the noise floor stays with all that does")

@@ -21,6 +21,7 @@ use crate::machine::simulate::MAX_STEPS;
 use crate::measurement::segments::{Data, RecordSegment};
 use crate::measurement::{CandidateSpec, FitScope, Measurement};
 use crate::units::within;
+use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
@@ -405,7 +406,8 @@ fn settled_by_inverse_dynamics<'a>(
     };
     let least = prepared.iter().map(error).fold(f64::MAX, f64::min);
     let clear = prepared.iter().filter(explains).filter(|m| CLEARLY_LESS * error(m) <= least);
-    let Some(set) = clear.min_by(|a, b| a.effects.len().cmp(&b.effects.len()).then(error(a).total_cmp(&error(b)))) else {
+    let Some(set) = clear.min_by(|a, b| a.effects.len().cmp(&b.effects.len()).then(error(a).total_cmp(&error(b))))
+    else {
         return Vec::new();
     };
     let mut all = vec![set.clone()];
@@ -630,6 +632,9 @@ fn record_trial(trials: &mut Vec<Trial>, identity: String, beside: &[String], pr
     }
 }
 
+/// So many orders of one effect on one body are fitted at most, those that promise most.
+const ORDERS_FITTED: usize = 3;
+
 /// The model with one more effect, in every form that justifies a fit.
 fn extend_by_one_effect<'a>(
     screened: ScreenedHypotheses,
@@ -658,6 +663,11 @@ fn extend_by_one_effect<'a>(
         let others = chosen.iter().filter(|c| hypotheses[**c].identity() == id).count();
         let useful = unscreened || screenings[i].gain > (0.1 * most).max(1e-4);
         if !useful || others > usize::from(hypotheses[i].rows.len() > 1) {
+            continue;
+        }
+        let orders = chosen.iter().map(|c| &hypotheses[*c]).filter(|h| h.path() == hypotheses[i].path());
+        if orders.map(Hypothesis::identity).filter(|other| *other != id).collect::<BTreeSet<_>>().len() >= ORDERS_FITTED
+        {
             continue;
         }
         if !unscreened {
