@@ -107,6 +107,11 @@ fn the_coupled_drives_have_a_sign_blind_sensor_a_lag_and_friction_and_more() {
 /// generated here by an Euler scheme at a fiftieth of the sample step with friction as an inequality, independent of
 /// the model's own scheme.
 fn rotor_with_friction(folder: &Path, friction_nm: f64, noise: f64) -> PathBuf {
+    rotor_records(folder, &[("a", 600, friction_nm), ("b", 600, friction_nm), ("c", 500, friction_nm)], &["c"], noise)
+}
+
+/// Records of a disc, each with its number of samples and its friction [N m]; those that judge are named.
+fn rotor_records(folder: &Path, records: &[(&str, usize, f64)], judge: &[&str], noise: f64) -> PathBuf {
     let mut seed = 88_172_645_463_325_252_u64;
     let mut random = move || {
         seed ^= seed << 13;
@@ -114,10 +119,11 @@ fn rotor_with_friction(folder: &Path, friction_nm: f64, noise: f64) -> PathBuf {
         seed ^= seed << 17;
         (seed >> 11) as f64 / (1_u64 << 53) as f64
     };
-    for (file, samples) in [("a.csv", 600), ("b.csv", 600), ("c.csv", 500)] {
+    let (mut files, mut all) = (String::new(), String::new());
+    for (name, samples, friction_nm) in records {
         let mut text = String::from("time_ms,torque,speed_rpm\n");
         let (mut v, mut torque) = (2.0 * random(), 0.0);
-        for i in 0..samples {
+        for i in 0..*samples {
             if i % 40 == 0 {
                 torque = 4.0 * (random() - 0.5);
             }
@@ -130,27 +136,44 @@ fn rotor_with_friction(folder: &Path, friction_nm: f64, noise: f64) -> PathBuf {
                 v = if free.abs() <= stop { 0.0 } else { free - stop * free.signum() };
             }
         }
-        std::fs::write(folder.join(file), text).expect("written");
+        std::fs::write(folder.join(format!("{name}.csv")), text).expect("written");
+        files += &format!("[files.{name}]\npath = \"{name}.csv\"\n");
+        let usage = if judge.contains(name) { "judge" } else { "fit" };
+        all += &format!(
+            "[records.{name}]\nfile = \"{name}\"\nuse = \"{usage}\"\ntime_column = \"time_ms\"\ntime_unit = \"ms\"\n"
+        );
     }
     let drive = "# a test rig\nfidelity = \"lumped\"\n\n[rotors.disc]\ninertia_kg_m2 = 0.055 # from the drawing\n\n[loads.viscous.disc]\ntorque_nm_s_per_rad = 0.1\n\n[inputs.torque.disc]\n\n[sensors.tachometer.disc]\n";
     std::fs::write(folder.join("rig.toml"), drive).expect("written");
-    let record = |name: &str, usage: &str| {
-        format!(
-            "[records.{name}]\nfile = \"{name}\"\nuse = \"{usage}\"\ntime_column = \"time_ms\"\ntime_unit = \"ms\"\n"
-        )
-    };
     let text = format!(
-        "title = \"rig\"\ndrive = \"rig.toml\"\n[files.a]\npath = \"a.csv\"\n[files.b]\npath = \"b.csv\"\n[files.c]\npath = \"c.csv\"\n\
+        "title = \"rig\"\ndrive = \"rig.toml\"\n{files}\
          [channels.speed]\nsensor = \"sensors.tachometer.disc\"\ncolumn = \"speed_rpm\"\nunit = \"rpm\"\n\
-         [inputs.torque]\ninput = \"inputs.torque.disc\"\ncolumn = \"torque\"\nunit = \"N m\"\nhold = true\n{}{}{}\
-         [fit.\"rotors.disc.inertia_kg_m2\"]\nspread_percent = 20\n[fit.\"loads.viscous.disc.torque_nm_s_per_rad\"]\n",
-        record("a", "fit"),
-        record("b", "fit"),
-        record("c", "judge")
+         [inputs.torque]\ninput = \"inputs.torque.disc\"\ncolumn = \"torque\"\nunit = \"N m\"\nhold = true\n{all}\
+         [fit.\"rotors.disc.inertia_kg_m2\"]\nspread_percent = 20\n[fit.\"loads.viscous.disc.torque_nm_s_per_rad\"]\n"
     );
     let path = folder.join("rig-measured.toml");
     std::fs::write(&path, text).expect("written");
     path
+}
+
+/// A machine that warms up: the friction falls from record to record, and the records between them follow. With one size for all
+/// records it does not stand.
+#[test]
+fn friction_that_falls_from_record_to_record_is_told() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let planted = [("a", 600, 0.6), ("b", 600, 0.5), ("c", 600, 0.43), ("d", 600, 0.38), ("e", 600, 0.35)];
+    let path = rotor_records(folder.path(), &planted, &["b", "d"], 0.05);
+    let r = identified(&path, 2, ALL).expect("identified");
+    println!("{}", pitchline::identify::text::text(&r));
+    let varying = r.varying.first().expect("a number that differs");
+    assert_eq!(varying.path, "effects.coulomb_friction.disc.torque_nm");
+    assert_eq!(varying.course, pitchline::identify::drifting::Course::Falls);
+    for (value, (name, _, truth)) in varying.values.iter().zip([planted[0], planted[2], planted[4]]) {
+        assert_eq!(value.record, name);
+        assert!((value.value / truth - 1.0).abs() < 0.03, "{value:?}, planted {truth}");
+    }
+    let [ratio, _, high] = varying.held_out_ratio.expect("held-out records");
+    assert!(ratio < 0.7 && high < 0.8, "{varying:?}");
 }
 
 #[test]
@@ -164,6 +187,7 @@ fn planted_friction_is_named_with_its_size_and_written_into_the_drive() {
     let torque = &r.effects[0].parameters[0];
     assert!((torque.value - 0.4).abs() < 4.0 * torque.standard_error + 0.01, "{torque:?}");
     assert!(r.explained, "{:?}", r.noise_floor);
+    assert!(r.varying.is_empty(), "{:?}", r.varying);
     // The residual before looks like friction, and the residual after has no structure.
     let force = &r.diagnosis.forces[0];
     assert!(force.term.starts_with("sign(v)") && force.body == "rotors.disc" && force.share > 0.8, "{force:?}");

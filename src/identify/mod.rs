@@ -13,6 +13,8 @@ pub mod crossed;
 #[doc(hidden)]
 pub mod diagnosis;
 #[doc(hidden)]
+pub mod drifting;
+#[doc(hidden)]
 pub mod fit;
 #[doc(hidden)]
 pub mod inverse;
@@ -68,6 +70,9 @@ impl std::fmt::Display for DeclaredModelFails {
 
 impl std::error::Error for DeclaredModelFails {}
 
+/// Single effects that are looked at again where none is accepted: their sizes may differ from record to record.
+const LEADS: usize = 12;
+
 /// Runs the whole identification: fits the free numbers of the machine to the records, searches the catalogue of effects for
 /// what remains, and judges by records that took no part in the fit. The result does not depend on the number of threads,
 /// unless the budget ends the search.
@@ -89,6 +94,12 @@ pub fn identify(
         }
     }
     let searched = search::search(measurement, problem, &own, context);
+    let mut leads: Vec<model::FittedModel> = Vec::new();
+    for m in searched.all.iter().filter(|m| m.effects.len() == 1) {
+        if leads.len() < LEADS && leads.iter().all(|known| known.identity() != m.identity()) {
+            leads.push(m.clone());
+        }
+    }
     let again = searched.is_settled.then(|| searched.declared.clone());
     let mut found = accept::accept(searched, &own, context);
     if let Some(declared) = again.filter(|_| found.best.effects.is_empty() && !context.must_end()) {
@@ -99,14 +110,32 @@ pub fn identify(
     let cut_short = found.cut_short || context.must_end();
     let mut report = report::report(measurement, data, &found);
     if search::is_at_step_limit(&found.best) {
-        let most = found.best.problem.max_steps;
-        report.warnings.push(format!(
-            "the fit ended where a sample takes {most:.0} steps, and stiffer machines were not tried: give the stiffness and damping parameters `low` and `high`"
-        ));
+        let (most, machine) = (found.best.problem.max_steps, &found.best.problem.machine);
+        let what = match machine.springs.is_empty() {
+            true => "friction that is sharper at rest was not tried: a `stick_speed` here is an upper limit",
+            false => "stiffer machines were not tried: give the stiffness and damping parameters `low` and `high`",
+        };
+        report.warnings.push(format!("the fit ended where a sample takes {most:.0} steps, and {what}"));
     }
     if !context.must_end() {
         context.report("inverse dynamics: the same numbers by another way");
         report.inverse_dynamics = inverse::second_voice(&found.best, context);
+    }
+    if !report.explained && !context.must_end() {
+        context.report("looking for numbers that differ from record to record");
+        if !found.best.effects.is_empty() {
+            leads.clear();
+        }
+        report.varying = drifting::varying_numbers(&found.best, &leads, context);
+        let hint = |v: &drifting::VaryingNumber| {
+            format!(
+                "`{}` {}: if the machine warms up, runs in or wears, records of one state; or a value for each record (`[fit.\"{}\"]` with `per = \"record\"`)",
+                v.path,
+                v.course.label(),
+                v.path
+            )
+        };
+        report.next_experiment.splice(0..0, report.varying.first().map(hint));
     }
     for moved in moved::moved_numbers(measurement, &found.declared, &found.best) {
         if report.is_confirmed(&moved.path) {

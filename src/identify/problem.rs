@@ -286,6 +286,11 @@ impl<'a> Problem<'a> {
         }
     }
 
+    /// Whether runs for this scaled global lie on a grid.
+    pub fn is_on_grid(&self, global: usize) -> bool {
+        self.spacing(global).is_some()
+    }
+
     /// Grid spacing of runs for this scaled global; None: every value is run.
     fn spacing(&self, global: usize) -> Option<f64> {
         let g = &self.globals[global];

@@ -3,9 +3,10 @@
 
 use super::accept::{AcceptedResult, Rival};
 use super::diagnosis::Diagnosis;
+use super::drifting::VaryingNumber;
 use super::inverse::InverseDynamics;
 use super::judge::Residuals;
-use super::model::{FittedModel, placed_path, standard_error};
+use super::model::{FittedModel, placed_path, standard_error, standard_errors_off};
 use super::problem::{Point, Problem};
 use super::search::Trial;
 use super::steady::{self, Size};
@@ -224,6 +225,8 @@ pub struct IdentificationReport {
     pub numbers_after: Vec<FittedNumber>,
     /// Numbers by inverse dynamics, beside those of the simulation; None where motion and force are not both measured.
     pub inverse_dynamics: Option<InverseDynamics>,
+    /// Numbers that differ from record to record, where something is left; the one that explains most first.
+    pub varying: Vec<VaryingNumber>,
     /// Numbers that the fit moved further from the file than a machine can be, and that inverse dynamics does not confirm.
     pub doubts: Vec<String>,
     /// Numbers, of the drive and of effects, that the records hardly tell apart.
@@ -286,7 +289,8 @@ fn numbers(
             let slot = &model.problem.machine.slots[global.slot];
             let x = model.fit.point.globals[g];
             let value = global.law.value(x);
-            let se = standard_error(model, g) * if global.law.logarithm { value.abs() } else { global.law.scale };
+            let se = standard_errors_off(model, g) * standard_error(model, g);
+            let se = se * if global.law.logarithm { value.abs() } else { global.law.scale };
             let nameplate = nameplates.get(global.slot).copied();
             let (low, high) = global.law.bounds();
             FittedNumber {
@@ -509,6 +513,7 @@ pub fn report(measurement: &Measurement, data: &Data, found: &AcceptedResult) ->
         facts: data.facts.clone(),
         clocks: data.clocks.clone(),
         inverse_dynamics: None,
+        varying: Vec::new(),
         doubts: Vec::new(),
         warnings: data.warnings.clone(),
         converged: found.declared.fit.converged && best.fit.converged,
@@ -571,16 +576,18 @@ fn transfer(found: &AcceptedResult, data: &Data) -> Vec<Transfer> {
 
 /// Share of the declared model's squared error that each effect removes, in the order of acceptance, and the remainder.
 fn budget(found: &AcceptedResult) -> Vec<Share> {
-    let total = |r: &Residuals| -> f64 {
-        let n = r.fit.len().max(1) as f64;
-        r.fit
-            .iter()
-            .zip(&found.declared.fit_residuals)
-            .map(|(a, b)| (stats::rms(a) / stats::rms(b).max(1e-300)) * (stats::rms(a) / stats::rms(b).max(1e-300)))
-            .sum::<f64>()
-            / n
+    let channels = found.declared.problem.data.channels.len();
+    let before = found.declared.residuals();
+    // Mean over the channels of squares over those of the declared model.
+    let mean = |of: &dyn Fn(usize) -> f64| {
+        let share = |c: usize| {
+            let ratio = of(c) / stats::rms(&before.fit[c]).max(1e-300);
+            if ratio.is_finite() { ratio * ratio } else { 1.0 }
+        };
+        (0..channels).map(share).sum::<f64>() / channels.max(1) as f64
     };
-    let left = total(found.best.residuals());
+    let after = found.best.residuals();
+    let left = mean(&|c| stats::rms(&after.fit[c]));
     let weights: f64 = found.evidence.iter().map(|g| g.gain.max(0.0)).sum();
     let mut shares: Vec<Share> = found
         .evidence
@@ -590,20 +597,11 @@ fn budget(found: &AcceptedResult) -> Vec<Share> {
             percent: 100.0 * (1.0 - left) * g.gain.max(0.0) / weights.max(1e-300),
         })
         .collect();
-    let noise: f64 = found
-        .declared
-        .problem
-        .data
-        .channels
-        .iter()
-        .enumerate()
-        .map(|(c, channel)| {
-            let x = channel.noise / stats::rms(&found.declared.fit_residuals[c]).max(1e-300);
-            x * x
-        })
-        .sum::<f64>()
-        / found.declared.problem.data.channels.len().max(1) as f64;
-    let noise = noise.min(left);
+    if weights <= 0.0 && left < 1.0 {
+        // The best start of the same model.
+        shares.push(Share { of: "numbers of the drive".into(), percent: 100.0 * (1.0 - left) });
+    }
+    let noise = mean(&|c| found.declared.problem.data.channels[c].noise).min(left);
     shares.push(Share { of: "noise floor".into(), percent: 100.0 * noise });
     shares.push(Share { of: "not explained".into(), percent: 100.0 * (left - noise) });
     shares

@@ -87,6 +87,7 @@ fn write_all(t: &mut String, r: &IdentificationReport) {
         errors(t, r)?;
         effects(t, r)?;
         declared_numbers(t, r)?;
+        varying(t, r)?;
         inverse_dynamics(t, r)?;
         for w in &r.warnings {
             writeln!(t, "warning: {w}")?;
@@ -226,6 +227,30 @@ fn declared_numbers(t: &mut String, r: &IdentificationReport) -> std::fmt::Resul
         writeln!(
             t,
             "these records know a combination of `{a}` and `{b}` far better than each of them: correlation {coefficient:.3}"
+        )?;
+    }
+    Ok(())
+}
+
+/// Writes the numbers that differ from record to record.
+fn varying(t: &mut String, r: &IdentificationReport) -> std::fmt::Result {
+    for (i, v) in r.varying.iter().enumerate() {
+        let also = if i == 0 { "" } else { "or: " };
+        let unnamed = |id: &&String| !r.effects.iter().any(|e| id.starts_with(&e.path));
+        let unnamed: Vec<&str> = v.beside.iter().filter(unnamed).map(String::as_str).collect();
+        let beside =
+            if unnamed.is_empty() { String::new() } else { format!(", if the machine has {}", unnamed.join(" and ")) };
+        writeln!(t, "\n{also}`{}` {}{beside}", v.path, v.course.label())?;
+        for n in &v.values {
+            writeln!(t, "    {:<18} {:>10} +- {}", n.record, four_digits(n.value), four_digits(n.standard_error))?;
+        }
+        let held_out = v.held_out_ratio.map_or(String::new(), |[ratio, low, high]| {
+            format!("; held-out records, with values between those of their neighbours, {ratio:.3} [{low:.3}, {high:.3}] times")
+        });
+        writeln!(
+            t,
+            "    with a value for each record the fitted error is {:.3} times that with one for all{held_out}",
+            v.fitted_ratio
         )?;
     }
     Ok(())

@@ -49,7 +49,11 @@ impl std::fmt::Display for RunError {
                 write!(f, "the model stands still after {pulses} pulses at {t_s:.4} s")
             }
             RunError::Stiff { steps } => {
-                write!(f, "the model is so stiff that it needs {steps:.0} steps for one sample")
+                write!(
+                    f,
+                    "the model is so stiff that it needs {} steps for one sample",
+                    if *steps < 1e9 { format!("{steps:.0}") } else { format!("{steps:.1e}") }
+                )
             }
             RunError::Refused { why } => f.write_str(why),
         }

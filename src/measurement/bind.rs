@@ -138,7 +138,14 @@ fn bind_set(measurement: &Measurement, machine: &Machine, diags: &mut Vec<Diag>)
         let mut slots = Vec::new();
         for (path, value) in &r.set {
             match machine.slot(path) {
-                Some(slot) => slots.push((slot, value * machine.slots[slot].unit)),
+                Some(slot) => {
+                    let own = &machine.slots[slot];
+                    if !(own.low..=own.high).contains(value) {
+                        let title = format!("`{path}` = {value} is outside {}", range_text(own.low, own.high));
+                        diags.push(measurement.places.error(&format!("records.{}.set", r.name), title, None));
+                    }
+                    slots.push((slot, value * own.unit));
+                }
                 None => diags.push(no_such_path(measurement, machine, &format!("records.{}.set", r.name), path)),
             }
         }
@@ -152,7 +159,8 @@ fn bind_set(measurement: &Measurement, machine: &Machine, diags: &mut Vec<Diag>)
         let value = machine.shown(slot, machine.values[slot]);
         let (low, high) = (f.low.unwrap_or(f64::MIN), f.high.unwrap_or(f64::MAX));
         if low >= high || value < low || value > high {
-            let title = format!("the drive's {value} lies outside the bounds {low} .. {high} of `{}`", f.path);
+            let bounds = range_text(low, high);
+            let title = format!("the drive's {value} lies outside the bounds {bounds} of `{}`", f.path);
             diags.push(measurement.places.error(&format!("fit.{}", f.path), title, Some("widen them".into())));
         }
         let fits = |r: &&RecordSpec| r.set.iter().any(|(path, _)| *path == f.path);
@@ -168,6 +176,12 @@ fn bind_set(measurement: &Measurement, machine: &Machine, diags: &mut Vec<Diag>)
         }
     }
     all
+}
+
+/// A range, of which an end may be open.
+fn range_text(low: f64, high: f64) -> String {
+    let end = |x: f64, none: &str| if x.abs() == f64::MAX { none.to_string() } else { x.to_string() };
+    format!("{} .. {}", end(low, "-inf"), end(high, "inf"))
 }
 
 fn no_such_path(measurement: &Measurement, machine: &Machine, at: &str, path: &str) -> Diag {

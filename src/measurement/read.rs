@@ -104,7 +104,7 @@ fn channels(root: &TomlTable<'_>) -> Vec<ChannelSpec> {
             sensor: text(&t, "sensor", "sensors.tachometer.BODY"),
             column: text(&t, "column", "name of a column"),
             unit: text(&t, "unit", "rad/s"),
-            noise: t.number("noise", 1.0, 0.0..=1e12),
+            noise: t.number("noise", 1.0, 1e-30..=1e12),
             values: t
                 .choice("values", &[("intervals", PulseValues::Intervals), ("times", PulseValues::Times)])
                 .unwrap_or(PulseValues::Intervals),
