@@ -27,6 +27,18 @@ pub struct VaryingNumber {
     pub held_out_ratio: Option<[f64; 3]>,
 }
 
+impl VaryingNumber {
+    /// What would tell more.
+    pub fn experiment(&self) -> String {
+        format!(
+            "`{}` {}: if the machine warms up, runs in or wears, records of one state; or a value for each record (`[fit.\"{}\"]` with `per = \"record\"`)",
+            self.path,
+            self.course.label(),
+            self.path
+        )
+    }
+}
+
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RecordValue {
     pub record: String,

@@ -32,6 +32,7 @@ pub mod report;
 #[doc(hidden)]
 pub mod screen;
 pub mod search;
+mod settled;
 #[doc(hidden)]
 pub mod stats;
 #[doc(hidden)]
@@ -94,12 +95,7 @@ pub fn identify(
         }
     }
     let searched = search::search(measurement, problem, &own, context);
-    let mut leads: Vec<model::FittedModel> = Vec::new();
-    for m in searched.all.iter().filter(|m| m.effects.len() == 1) {
-        if leads.len() < LEADS && leads.iter().all(|known| known.identity() != m.identity()) {
-            leads.push(m.clone());
-        }
-    }
+    let leads = single_effects(&searched);
     let again = searched.is_settled.then(|| searched.declared.clone());
     let mut found = accept::accept(searched, &own, context);
     if let Some(declared) = again.filter(|_| found.best.effects.is_empty() && !context.must_end()) {
@@ -123,19 +119,9 @@ pub fn identify(
     }
     if !report.explained && !context.must_end() {
         context.report("looking for numbers that differ from record to record");
-        if !found.best.effects.is_empty() {
-            leads.clear();
-        }
-        report.varying = drifting::varying_numbers(&found.best, &leads, context);
-        let hint = |v: &drifting::VaryingNumber| {
-            format!(
-                "`{}` {}: if the machine warms up, runs in or wears, records of one state; or a value for each record (`[fit.\"{}\"]` with `per = \"record\"`)",
-                v.path,
-                v.course.label(),
-                v.path
-            )
-        };
-        report.next_experiment.splice(0..0, report.varying.first().map(hint));
+        let others = if found.best.effects.is_empty() { &leads[..] } else { &[] };
+        report.varying = drifting::varying_numbers(&found.best, others, context);
+        report.next_experiment.splice(0..0, report.varying.first().map(drifting::VaryingNumber::experiment));
     }
     for moved in moved::moved_numbers(measurement, &found.declared, &found.best) {
         if report.is_confirmed(&moved.path) {
@@ -172,4 +158,15 @@ fn noise_of_sensors(machine: &Machine, data: &Data) -> Vec<f64> {
         noise[c.sensor] = c.noise / gain.max(1e-300);
     }
     noise
+}
+
+/// The best models with one effect, each effect once.
+fn single_effects<'a>(searched: &search::SearchResult<'a>) -> Vec<model::FittedModel<'a>> {
+    let mut all: Vec<model::FittedModel> = Vec::new();
+    for m in searched.all.iter().filter(|m| m.effects.len() == 1) {
+        if all.len() < LEADS && all.iter().all(|known| known.identity() != m.identity()) {
+            all.push(m.clone());
+        }
+    }
+    all
 }
