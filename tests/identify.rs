@@ -174,6 +174,18 @@ fn friction_that_falls_from_record_to_record_is_told() {
     }
     let [ratio, _, high] = varying.held_out_ratio.expect("held-out records");
     assert!(ratio < 0.7 && high < 0.8, "{varying:?}");
+    assert_eq!(r.outcome, IdentificationVerdict::Named, "{:?}", paths(&r));
+    assert_eq!(paths(&r), ["effects.coulomb_friction.disc"]);
+    assert!(r.explained, "{:?}", r.noise_floor);
+    let text = pitchline::identify::text::text(&r);
+    assert!(text.contains("NAMED: effects.coulomb_friction.disc, which falls in the order of the records"), "{text}");
+    // The drive file gets the state of the machine at the end.
+    let drive = std::fs::read_to_string(folder.path().join("rig.toml")).expect("the drive");
+    let machine = Machine::parse("rig.toml", &drive, &[]).expect("a machine");
+    let updated = pitchline::identify::updated::updated(&machine, &r).expect("written");
+    let again = Machine::parse("updated.toml", &updated, &[]).expect("it reads back");
+    let slot = again.slot("effects.coulomb_friction.disc.torque_nm").expect("the number");
+    assert!((again.values[slot] / 0.35 - 1.0).abs() < 0.03, "{updated}");
 }
 
 #[test]

@@ -8,15 +8,16 @@
 
 use super::candidates::Hypothesis;
 use super::crossed::{HeldOutComparison, compare_held_out};
+use super::drifting::{Course, DriftingNumber};
 use super::fit::parallel;
 use super::judge::{Residuals, deviance, effective as effective_samples, mean_error};
 use super::model::{
-    FIT_ITERATIONS, FittedModel, fit_model, globals_of, refitted, score, standard_error, without_effect,
+    FIT_ITERATIONS, FittedModel, fit_model, globals_of, placed_path, refitted, score, standard_error, without_effect,
 };
 use super::plausible::outside_the_records;
 use super::problem::Problem;
 use super::screen::{FitStart, LinearisedBase, screen};
-use super::search::{Context, MIN_SCORE_GAIN, SearchResult, Trial};
+use super::search::{Context, MIN_SCORE_GAIN, SearchResult, Trial, best_effective};
 use super::stats::{self, Random};
 use super::steady;
 use super::structure::{Detectable, IndistinguishablePair};
@@ -330,18 +331,61 @@ fn better_form<'a>(
 /// set may be a side effect.
 fn reason_why_unexplained(declared: &FittedModel, best: &FittedModel, own: &Data, threads: usize) -> Option<String> {
     // If all effects are on sensors, one channel may be explained and others not.
-    let on_sensors = best.effects.iter().all(|e| is_signal(e.effect));
     let effects: Vec<usize> = (0..best.effects.len()).collect();
-    let judged = compare_held_out(best, declared, &effects, own, threads);
-    let parts: [fn(&Residuals, usize) -> f64; 2] = [|r, c| r.rms(c).0, |r, c| r.rms(c).1];
-    // A set that explains the held-out records alone has the form of neither.
-    let left = parts.into_iter().filter_map(|part| left_above_floor(on_sensors, &best.problem, &judged, part));
-    let most = if best.is_near_the_floor() { MAX_ABOVE_FLOOR } else { MAX_ABOVE_FLOOR_FAR };
-    let left = left.reduce(f64::max).filter(|left| *left > most)?;
+    let left = left_unexplained(best, &compare_held_out(best, declared, &effects, own, threads))?;
     (!best.effects.is_empty()).then(|| {
         let stays = 100.0 * left;
         format!("a lead, no name: it stands, but {stays:.0} % of the squared error above the noise floor stays with all that does")
     })
+}
+
+/// Share of the squared error above the noise floor that a set leaves, where that is too much for a name.
+fn left_unexplained(best: &FittedModel, judged: &HeldOutComparison) -> Option<f64> {
+    // If all effects are on sensors, one channel may be explained and others not.
+    let on_sensors = best.effects.iter().all(|e| is_signal(e.effect));
+    let parts: [fn(&Residuals, usize) -> f64; 2] = [|r, c| r.rms(c).0, |r, c| r.rms(c).1];
+    // A set that explains the held-out records alone has the form of neither.
+    let left = parts.into_iter().filter_map(|part| left_above_floor(on_sensors, &best.problem, judged, part));
+    let most = if best.is_near_the_floor() { MAX_ABOVE_FLOOR } else { MAX_ABOVE_FLOOR_FAR };
+    left.reduce(f64::max).filter(|left| *left > most)
+}
+
+/// Takes the accepted set, or a single effect where none was accepted, with a size for each record, if held-out records confirm the
+/// course of the sizes and little is left then. Returns whether it did.
+pub fn accept_drifting<'a>(found: &mut AcceptedResult<'a>, drifting: &[DriftingNumber<'a>]) -> bool {
+    let first = drifting.first().filter(|d| d.number.course != Course::NoOrder);
+    let Some(DriftingNumber { number, model, .. }) = first else { return false };
+    let is_of = |which: &usize| number.path.starts_with(&format!("{}.", placed_path(model, *which)));
+    let Some(which) = (0..model.effects.len()).find(is_of) else { return false };
+    if model.identity() == found.best.identity() {
+        found.best = model.clone();
+        return true;
+    }
+    let (with, without) = (model.residuals().clone(), found.declared.residuals().clone());
+    let judged = HeldOutComparison { with, without, left_out: Vec::new() };
+    let effective = best_effective(&[found.declared.clone(), model.clone()]);
+    let evidence = evidence_from(model, &found.declared, which, &effective, &judged, model.threads);
+    let why = rejection_reason(model, which, &evidence);
+    let is_accepted = found.best.effects.is_empty() && why.is_none() && left_unexplained(model, &judged).is_none();
+    if is_accepted {
+        let own_score = score(model, &effective);
+        let is_rival = |d: &&DriftingNumber| {
+            d.number.course != Course::NoOrder && score(&d.model, &effective) < own_score + CLEAR_SCORE_GAP
+        };
+        let rivals = drifting[1..].iter().filter(is_rival).filter(|d| d.model.identity() != model.identity());
+        let rival = |d: &DriftingNumber| {
+            let h = &d.model.effects[0];
+            let (identity, path, score) = (h.identity(), h.path(), score(&d.model, &effective) - own_score);
+            Rival { identity, path, score, judge_ratio: d.model.residuals().judge_ratio(model.residuals()) }
+        };
+        found.rivals = vec![rivals.map(rival).collect()];
+        let id = model.effects[which].identity();
+        let own = |t: &&mut Trial| t.identity == id && t.beside.is_empty() && t.rms_fit.is_some();
+        found.trials.iter_mut().filter(own).for_each(|t| t.why = "accepted, with a size for each record".into());
+        found.evidence = vec![evidence];
+        found.best = model.clone();
+    }
+    is_accepted
 }
 
 /// Number of sets that are examined closely, one after the other, until one is accepted unchanged.
@@ -426,13 +470,23 @@ fn evidence_for(
     own: &Data,
     threads: usize,
 ) -> Evidence {
+    evidence_from(best, less, which, effective, &compare_held_out(best, less, &[which], own, threads), threads)
+}
+
+fn evidence_from(
+    best: &FittedModel,
+    less: &FittedModel,
+    which: usize,
+    effective: &[f64],
+    judged: &HeldOutComparison,
+    threads: usize,
+) -> Evidence {
     let (gain, sham) = sham_gain(best, less, which, threads);
-    let judged = compare_held_out(best, less, &[which], own, threads);
     let name = |r: &usize| best.problem.data.records[*r].clone();
     Evidence {
         identity: best.effects[which].identity(),
         judge_ratio: judged.with.judge_ratio(&judged.without),
-        remaining: remaining_error(is_signal(best.effects[which].effect), &best.problem, &judged),
+        remaining: remaining_error(is_signal(best.effects[which].effect), &best.problem, judged),
         left_out: judged.left_out.iter().map(name).collect(),
         score: score(less, effective) - score(best, effective),
         gain,

@@ -105,6 +105,9 @@ pub fn fit(problem: &Problem, start: &Point, options: FitOptions) -> Fit {
     let mut taken = 0;
     let mut costs = vec![cost];
     while taken < most || (taken < STILL_FALLING * most && falls(&costs)) {
+        if problem.ending.is_due() {
+            break;
+        }
         taken += 1;
         costs.push(cost);
         let Some(step) = solve(problem, &point, &parts, &jacobian, lambda) else {
@@ -171,7 +174,7 @@ pub fn fit(problem: &Problem, start: &Point, options: FitOptions) -> Fit {
     // Poorly determined parameters may drift on although the cost no longer changes.
     let stands = |two_ago: &f64| two_ago - cost < STALLED_DECREASE * cost;
     converged |= taken >= most && taken > 2 && costs.iter().nth_back(1).is_some_and(stands);
-    if updates > 0 {
+    if updates > 0 && !problem.ending.is_due() {
         let residuals = jacobian.into_iter().map(|p| p.residuals).collect();
         jacobian = linearised(problem, &point, &parts, residuals, options);
     }
@@ -247,7 +250,7 @@ fn update(
     }
 }
 
-/// Residuals with their derivatives by forward differences.
+/// Residuals with their derivatives by forward differences; if the fit must end meanwhile, not all of them.
 fn linearised(
     problem: &Problem,
     point: &Point,
@@ -262,6 +265,9 @@ fn linearised(
         jobs.extend((1..=concerned + problem.locals.len()).map(|c| (i, c)));
     }
     let columns = parallel(jobs.len(), options.threads, |job| {
+        if problem.ending.is_due() {
+            return None;
+        }
         let (i, column) = jobs[job];
         let k = parts[i];
         let concerned: Vec<usize> = (0..problem.globals.len()).filter(|g| problem.concerns(*g, k)).collect();
@@ -286,11 +292,12 @@ fn linearised(
             width = x - locals[l];
             locals[l] = x;
         }
-        (width, problem.residuals(k, &globals, &locals))
+        Some((width, problem.residuals(k, &globals, &locals)))
     });
     let mut all: Vec<SegmentJacobian> =
         residuals.into_iter().map(|residuals| SegmentJacobian { residuals, columns: Vec::new() }).collect();
-    for ((i, _), (width, values)) in jobs.iter().zip(columns) {
+    for ((i, _), column) in jobs.iter().zip(columns) {
+        let Some((width, values)) = column else { break };
         let part = &mut all[*i];
         let slope = values.iter().zip(&part.residuals).map(|(a, b)| (a - b) / width).collect();
         part.columns.push(slope);

@@ -25,7 +25,6 @@ use crate::measurement::facts;
 use crate::measurement::segments::{Data, MeasuredChannel, RecordSegment};
 use crate::measurement::{CandidateSpec, Measurement};
 use serde::Serialize;
-use std::sync::atomic::AtomicU64;
 
 /// A machine whose measured motions are prescribed, with the records for it.
 struct InverseRecords {
@@ -301,7 +300,7 @@ fn force_scale(inverse: &InverseRecords, channel: usize) -> f64 {
 }
 
 /// The problem of inverse dynamics with the free numbers of `forward`.
-fn problem<'a>(forward: &Problem, inverse: &'a InverseRecords, runs: &'a AtomicU64) -> Problem<'a> {
+fn problem<'a>(forward: &Problem<'a>, inverse: &'a InverseRecords) -> Problem<'a> {
     let (m, data) = (&inverse.machine, &inverse.data);
     let weight = |(c, channel): (usize, &MeasuredChannel)| channel.noise.max(LEAST_WEIGHT * force_scale(inverse, c));
     let moves = |body: usize| m.bodies[body].motion == BodyMotion::Free;
@@ -321,7 +320,8 @@ fn problem<'a>(forward: &Problem, inverse: &'a InverseRecords, runs: &'a AtomicU
         fixed: forward.fixed.clone(),
         folded: false,
         max_steps: forward.max_steps,
-        runs,
+        runs: forward.runs,
+        ending: forward.ending,
     }
 }
 
@@ -334,7 +334,7 @@ const USUAL_LOADS: [&str; 4] = ["constant_torque", "viscous_friction", "coulomb_
 /// Held-out error relative to the force, with the loads that machines usually have on every body.
 fn error_with_usual_loads(forward: &Problem, inverse: &InverseRecords, context: &Context) -> f64 {
     let own = judge::held_out_segments(&inverse.data);
-    let problem = problem(forward, inverse, forward.runs);
+    let problem = problem(forward, inverse);
     let mut with = (problem.clone(), problem.start());
     let spec = CandidateSpec { only: USUAL_LOADS.map(String::from).to_vec(), without: Vec::new() };
     let slots: Vec<usize> = problem.globals.iter().map(|g| g.slot).collect();
@@ -414,7 +414,7 @@ pub fn second_voice(model: &FittedModel, context: &Context) -> Option<InverseDyn
     // The effects of the model may ask for another smoother than the declared drive does.
     let (records, tried) = smoothed_records(forward, context)?;
     let own = judge::held_out_segments(&records.data);
-    let inverse = problem(forward, &records, forward.runs);
+    let inverse = problem(forward, &records);
     let start = Point { globals: model.fit.point.globals.clone(), locals: inverse.start().locals };
     let found = fit_model(inverse, &start, &own, Vec::new(), context.threads, FIT_ITERATIONS);
     let common = |g: &usize| found.problem.globals[*g].record.is_none();
@@ -468,7 +468,7 @@ pub fn starts<'a>(
         return Vec::new();
     };
     let own = judge::held_out_segments(&records.data);
-    let inverse = problem(forward, &records, forward.runs);
+    let inverse = problem(forward, &records);
     let start = inverse.start();
     let mut beam = vec![fit_model(inverse, &start, &own, Vec::new(), context.threads, FIT_ITERATIONS)];
     let mut found = vec![forward_start(forward, &beam[0])];

@@ -103,8 +103,18 @@ pub fn identify(
         let searched = search::search_from(measurement, declared, (Vec::new(), Vec::new()), &own, context);
         found = accept::accept(searched, &own, context);
     }
-    let cut_short = found.cut_short || context.must_end();
     let mut report = report::report(measurement, data, &found);
+    if !report.explained && !context.must_end() {
+        context.report("looking for numbers that differ from record to record");
+        let others = if found.best.effects.is_empty() { &leads[..] } else { &[] };
+        let drifting = drifting::varying_numbers(&found.best, others, context);
+        if accept::accept_drifting(&mut found, &drifting) {
+            report = report::report(measurement, data, &found);
+        }
+        report.varying = drifting.into_iter().map(|d| d.number).collect();
+        report.next_experiment.splice(0..0, report.varying.first().map(drifting::VaryingNumber::experiment));
+    }
+    let cut_short = found.cut_short || context.must_end();
     if search::is_at_step_limit(&found.best) {
         let (most, machine) = (found.best.problem.max_steps, &found.best.problem.machine);
         let what = match machine.springs.is_empty() {
@@ -116,12 +126,6 @@ pub fn identify(
     if !context.must_end() {
         context.report("inverse dynamics: the same numbers by another way");
         report.inverse_dynamics = inverse::second_voice(&found.best, context);
-    }
-    if !report.explained && !context.must_end() {
-        context.report("looking for numbers that differ from record to record");
-        let others = if found.best.effects.is_empty() { &leads[..] } else { &[] };
-        report.varying = drifting::varying_numbers(&found.best, others, context);
-        report.next_experiment.splice(0..0, report.varying.first().map(drifting::VaryingNumber::experiment));
     }
     for moved in moved::moved_numbers(measurement, &found.declared, &found.best) {
         if report.is_confirmed(&moved.path) {

@@ -10,7 +10,8 @@ use crate::machine::simulate::{InitialState, RunError, Samples};
 use crate::machine::{BodyMotion, Machine, Reads, Sensor, Slot};
 use crate::measurement::segments::{Data, RecordSegment};
 use crate::units::within;
-use std::sync::atomic::AtomicU64;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Instant;
 
 /// A parameter that is free for all records, or for one.
 #[derive(Clone, Debug, PartialEq)]
@@ -87,6 +88,21 @@ pub struct Problem<'a> {
     pub max_steps: f64,
     /// Model runs so far.
     pub runs: &'a AtomicU64,
+    pub ending: Ending<'a>,
+}
+
+/// What ends a fit before it has converged. A limit of model runs does not: where it falls in a fit would depend on the threads.
+#[derive(Clone, Copy, Debug)]
+pub struct Ending<'a> {
+    /// Another thread sets it.
+    pub stop: &'a AtomicBool,
+    pub deadline: Option<Instant>,
+}
+
+impl Ending<'_> {
+    pub fn is_due(&self) -> bool {
+        self.stop.load(Ordering::Relaxed) || self.deadline.is_some_and(|end| Instant::now() >= end)
+    }
 }
 
 /// Parameters of a fit: scaled globals, and the locals of every segment.

@@ -9,7 +9,7 @@ use super::fit::{Fit, FitOptions, fit, parallel};
 use super::inverse;
 use super::judge;
 use super::model::{FIT_ITERATIONS, FittedModel, fit_model, score, with_shapes_beyond};
-use super::problem::{Global, Law, Point, Problem};
+use super::problem::{Ending, Global, Law, Point, Problem};
 use super::screen::{LinearisedBase, ScreeningResult, screen};
 use super::settled;
 use super::stats::{self, Random};
@@ -23,7 +23,7 @@ use crate::measurement::{CandidateSpec, FitScope, Measurement};
 use crate::units::within;
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Limits of a search.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,7 +39,7 @@ pub type Progress<'a> = &'a (dyn Fn(&str, u64) + Sync);
 
 /// Everything that a search needs besides data and machine.
 pub struct Context<'a> {
-    /// FittedNumber of threads; they do not change the result unless the budget ends the search.
+    /// Number of threads; they do not change the result unless the budget ends the search.
     pub threads: usize,
     /// When to end early.
     pub budget: Budget,
@@ -56,9 +56,13 @@ pub struct Context<'a> {
 impl Context<'_> {
     /// Whether the search must end: interrupted, or out of budget.
     pub fn must_end(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
-            || self.budget.runs.is_some_and(|n| self.runs.load(Ordering::Relaxed) >= n)
-            || self.budget.seconds.is_some_and(|s| self.started.elapsed().as_secs_f64() >= s)
+        self.ending().is_due() || self.budget.runs.is_some_and(|n| self.runs.load(Ordering::Relaxed) >= n)
+    }
+
+    /// What ends a fit on its way.
+    pub fn ending(&self) -> Ending<'_> {
+        let length = self.budget.seconds.and_then(|s| Duration::try_from_secs_f64(s).ok());
+        Ending { stop: self.stop, deadline: length.and_then(|length| self.started.checked_add(length)) }
     }
 
     /// Reports the beginning of a stage.
@@ -156,6 +160,7 @@ pub fn declared<'a>(
         locals,
         max_steps: MAX_STEPS,
         runs: context.runs,
+        ending: context.ending(),
     };
     let start = problem.start();
     if let Some(needed) = steps_needed_at(&problem, &start) {
@@ -427,7 +432,7 @@ fn near_the_file<'a>(declared: &FittedModel<'a>, own: &'a Data, context: &Contex
     Some(FittedModel::new(declared.problem.clone(), found, Vec::new(), own, context.threads))
 }
 
-/// FittedNumber of shortest stretches that are joined, per level; the last level is whole records.
+/// Number of shortest stretches that are joined, per level; the last level is whole records.
 const JOINED_STRETCHES: [usize; 2] = [1, 4];
 /// Hypotheses that are fitted to short stretches, and how many of them are then fitted to whole records.
 const SHORT_FITTED: usize = 6;

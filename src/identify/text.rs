@@ -1,7 +1,7 @@
 //! The report as text.
 
 use super::diagnosis::Diagnosis;
-use super::report::{Correlation, FittedNumber, IdentificationReport, IdentificationVerdict};
+use super::report::{Correlation, FittedNumber, IdentificationReport, IdentificationVerdict, NamedEffect};
 use std::fmt::Write;
 
 /// Four significant digits.
@@ -33,7 +33,11 @@ fn verdict(r: &IdentificationReport) -> String {
         let names: Vec<String> = r
             .effects
             .iter()
-            .map(|e| if law && !e.rivals.is_empty() { format!("{} ({})", e.family, e.path) } else { e.path.clone() })
+            .map(|e| {
+                let name =
+                    if law && !e.rivals.is_empty() { format!("{} ({})", e.family, e.path) } else { e.path.clone() };
+                name + &course(r, e)
+            })
             .collect();
         names.join(", ")
     };
@@ -41,8 +45,18 @@ fn verdict(r: &IdentificationReport) -> String {
         IdentificationVerdict::Named => format!("NAMED: {}", named(true)),
         IdentificationVerdict::Lead => format!("LEAD, not named: {}", named(true)),
         IdentificationVerdict::Ambiguous => format!("AMBIGUOUS: {}", named(false)),
+        IdentificationVerdict::None if r.interrupted || r.budget_spent => {
+            "NONE so far: the search ended before all effects were looked at".to_string()
+        }
         IdentificationVerdict::None => "NONE: no effect of the catalogue explains the residual".to_string(),
     }
+}
+
+/// How the size of an effect goes in the order of the records, where it has one for each.
+fn course(r: &IdentificationReport, e: &NamedEffect) -> String {
+    let has_own = |path: &str| e.parameters.iter().any(|n| n.path == path && n.record.is_some());
+    let varying = r.varying.first().filter(|v| has_own(&v.path));
+    varying.map_or(String::new(), |v| format!(", which {}", v.course.label()))
 }
 
 fn write_all(t: &mut String, r: &IdentificationReport) {

@@ -2,6 +2,7 @@
 
 use super::report::{FittedNumber, IdentificationReport, NamedEffect};
 use super::text::four_digits;
+use crate::effects::Kind;
 use crate::machine::Machine;
 use toml_edit::{DocumentMut, Item, Table, TableLike, Value, value};
 
@@ -103,6 +104,9 @@ fn write_effect(document: &mut DocumentMut, e: &NamedEffect) -> Option<()> {
         }
         written.push(key);
         let row = crate::effects::named(name).and_then(|e| e.parameters.iter().find(|p| p.key == key));
+        // A size that differs from record to record: that of the last state of the machine.
+        let is_phase = row.is_some_and(|p| p.kind == Kind::Phase);
+        let n = e.parameters.iter().rfind(|m| m.path == n.path).filter(|_| !is_phase).unwrap_or(n);
         let is_whole = row.is_some_and(|p| p.kind.is_whole()) && n.value == libm::trunc(n.value);
         let value = if is_whole { Value::from(n.value as i64) } else { number(n.value) };
         put(table, key, value, note(n));
