@@ -67,6 +67,29 @@ fn the_rowing_flywheel_has_uneven_marks() {
     assert!((0.93..0.97).contains(&before) && after < 0.13, "{before} % to {after} %");
 }
 
+/// An engine with a silent timing chain. The facts were found before by other means (numpy on the same edges): 1006 and 16 edges that teeth
+/// make, 386.63 deg, 0.028 deg.
+#[test]
+fn the_edges_of_an_engine_give_its_speed_and_the_place_of_its_cam() {
+    for (file, extra) in [("4b11-running.csv", 0), ("4b11-running-doubled-edge.csv", 1)] {
+        let Some((folder, path)) = measured("engine-4b11", &[&format!("engine_4b11/{file}")]) else { return };
+        std::fs::rename(folder.path().join(file), folder.path().join("data.csv")).expect("renamed");
+        let text = std::fs::read_to_string(&path).expect("the measurement").replace("4b11-running.csv", "data.csv");
+        std::fs::write(&path, text).expect("written");
+        let r = identified(&path, 2, ALL).expect("identified");
+        println!("{}", pitchline::identify::text::text(&r));
+        let [crank, cam] = r.wheels.as_slice() else { panic!("{:?}", r.wheels) };
+        assert_eq!((crank.edges, crank.missed, crank.extra_s.len()), (1006, 0, extra));
+        assert_eq!((cam.edges, cam.missed, cam.extra_s.len()), (16, 0, 2));
+        assert!((crank.speed_rpm[0] - 1419.3).abs() < 0.1, "{:?}", crank.speed_rpm);
+        assert!(crank.orders[..2].iter().any(|o| o.order == 0.5 && (o.speed_percent - 0.657).abs() < 0.01), "{crank}");
+        let at = cam.stands_at.as_ref().expect("a place on the crank");
+        assert!((at.angle_deg - 386.636).abs() < 0.003 && (at.scatter_deg - 0.028).abs() < 0.001, "{at:?}");
+        assert_eq!(r.outcome, IdentificationVerdict::None, "{:?}", paths(&r));
+        assert!(!r.explained, "{:?}", r.noise_floor);
+    }
+}
+
 /// The same maker's older machine has no such effect.
 #[test]
 fn the_older_flywheel_has_none() {
@@ -186,6 +209,82 @@ fn friction_that_falls_from_record_to_record_is_told() {
     let again = Machine::parse("updated.toml", &updated, &[]).expect("it reads back");
     let slot = again.slot("effects.coulomb_friction.disc.torque_nm").expect("the number");
     assert!((again.values[slot] / 0.35 - 1.0).abs() < 0.03, "{updated}");
+}
+
+/// Rows of a logic analyser: time and levels of two wheels whose teeth end at the times given for each.
+fn analyser(teeth: [&[f64]; 2]) -> String {
+    let mut changes: Vec<(f64, usize, u8)> = Vec::new();
+    for (wheel, times) in teeth.iter().enumerate() {
+        changes.extend(times.iter().flat_map(|t| [(t - 2e-4, wheel, 1), (*t, wheel, 0)]));
+    }
+    changes.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut level = [0, 0];
+    let mut text = String::from("Time[s], crank, cam\n");
+    for (t, wheel, to) in changes {
+        level[wheel] = to;
+        text += &format!("{t:.9}, {}, {}\n", level[0], level[1]);
+    }
+    text
+}
+
+/// A crank of changing speed, and a camshaft at half of it whose wheel of twelve places sits 0.3 deg out of its middle.
+#[test]
+fn an_eccentric_wheel_on_a_camshaft_is_named_from_the_edges_of_two_pickups() {
+    use std::f64::consts::PI;
+    let folder = tempfile::tempdir().expect("a folder");
+    let (mut places, mut random) = (Vec::new(), 1_u64);
+    for (name, rpm) in [("a", 1500.0), ("b", 1900.0), ("c", 1700.0)] {
+        // Time at which the crank has turned by an angle.
+        let time = |angle: f64| (angle + 0.01 * f64::sin(2.0 * angle)) / (rpm * PI / 30.0);
+        let tooth = |k: usize, places: usize, missing: &[usize]| !missing.contains(&(k % places + 1));
+        let crank: Vec<f64> =
+            (5..36 * 26).filter(|k| tooth(*k, 36, &[14, 15, 33])).map(|k| time(k as f64 * PI / 18.0)).collect();
+        let mut noise = || {
+            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (random >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+        };
+        // What the pickup reads is the angle of the shaft and 0.3 deg sin(angle + 1).
+        let at = |read: f64| (0..20).fold(read, |a, _| read - 0.3_f64.to_radians() * f64::sin(a + 1.0));
+        let cam: Vec<f64> = (1..12 * 12)
+            .filter(|k| tooth(*k, 12, &[12]))
+            .map(|k| time(2.0 * (at(k as f64 * PI / 6.0) + 0.02_f64.to_radians() * noise())))
+            .collect();
+        places.push(cam.len());
+        std::fs::write(folder.path().join(format!("{name}.csv")), analyser([&crank, &cam])).expect("written");
+    }
+    let drive = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/measurements/engine-4b11-drive.toml");
+    let drive = std::fs::read_to_string(drive).expect("the drive");
+    // The camshaft of these records is rigid.
+    let stiff = drive.replace("per_rad = 1500.0", "per_rad = 6000.0");
+    assert_ne!(stiff, drive);
+    std::fs::write(folder.path().join("drive.toml"), stiff).expect("written");
+    let mut text = String::from("drive = \"drive.toml\"\n");
+    for name in ["a", "b", "c"] {
+        text += &format!(
+            "[files.{name}]\npath = \"{name}.csv\"\n[records.{name}]\nfile = \"{name}\"\ntime_column = \"Time[s]\"\ntime_unit = \"s\"\n"
+        );
+        text += if name == "c" { "use = \"judge\"\n" } else { "" };
+    }
+    text += "[wheels.crank]\ncolumn = \"crank\"\nedge = \"falling\"\nteeth = 36\nmissing = [14, 15, 33]\n";
+    text += "[wheels.cam]\ncolumn = \"cam\"\nedge = \"falling\"\nteeth = 12\nmissing = [12]\n";
+    text += "[inputs.crank]\ninput = \"inputs.angle.crank\"\ncolumn = \"wheels.crank\"\nunit = \"deg\"\n";
+    text += "[channels.cam]\nsensor = \"sensors.encoder.cam\"\ncolumn = \"wheels.cam\"\nunit = \"deg\"\n";
+    text += "[fit.\"effects.offset.cam.offset\"]\nlow = -7.0\nhigh = 7.0\n";
+    text += "[candidates]\nonly = [\"encoder_error\", \"latency\", \"coulomb_friction\", \"gain_error\"]\n";
+    let path = folder.path().join("measured.toml");
+    std::fs::write(&path, text).expect("written");
+    let r = identified(&path, 2, ALL).expect("identified");
+    println!("{}", pitchline::identify::text::text(&r));
+    let of = |wheel: &str| r.wheels.iter().find(|w| w.record == "a" && w.wheel == wheel).expect("the wheel");
+    assert_eq!((of("crank").missed, of("crank").extra_s.len(), of("cam").edges), (0, 0, places[0]));
+    let order = of("crank").orders[0];
+    assert!(order.order == 2.0 && (order.speed_percent - 2.0).abs() < 0.02, "{order:?}");
+    assert_eq!(paths(&r), ["effects.encoder_error.cam"]);
+    // Even noise of 0.02 deg from end to end.
+    let floor = r.noise_floor[0].noise_floor;
+    assert!((floor / (0.02 / f64::sqrt(12.0)) - 1.0).abs() < 0.25, "{floor} deg");
+    let size = r.effects[0].parameters[0].value;
+    assert!((size - 0.3).abs() < 0.006, "{size}");
 }
 
 #[test]

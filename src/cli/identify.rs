@@ -214,7 +214,7 @@ pub fn run(args: &IdentifyArgs) -> Result<Outcome, Failure> {
 fn facts(args: &IdentifyArgs, data: &Data) -> Result<Outcome, Failure> {
     if args.json {
         return print_json(
-            &serde_json::json!({ "records": data.clocks, "channels": data.facts, "warnings": data.warnings }),
+            &serde_json::json!({ "records": data.clocks, "channels": data.facts, "wheels": data.wheels, "warnings": data.warnings }),
         );
     }
     let mut text = String::new();
@@ -238,6 +238,9 @@ fn facts(args: &IdentifyArgs, data: &Data) -> Result<Outcome, Failure> {
             f.missing,
             f.rest_samples
         );
+    }
+    for w in &data.wheels {
+        text += &format!("{w}\n");
     }
     text += &format!("{} parts to compare\n", data.segments.len());
     print_out(&text)

@@ -539,6 +539,10 @@ fn record_outcomes(best: &FittedModel, all: &[FittedModel], effective: &[f64], t
                 "accepted".into()
             } else if times > 1.0 {
                 format!("leaves {times:.3} times the error of the accepted set")
+            } else if let [ratio, _, f64::INFINITY] = m.residuals().judge_ratio(best.residuals()) {
+                format!(
+                    "it leaves {times:.3} times the fitted error and {ratio:.3} times the held-out error, by too few samples to tell"
+                )
             } else {
                 let [ratio, low, high] = m.residuals().judge_ratio(best.residuals());
                 let beside = if accepted.is_empty() { "" } else { "with the accepted set " };

@@ -169,11 +169,7 @@ fn promised(model: &FittedModel, global: usize) -> f64 {
 }
 
 /// The number with a value for each record, if that takes most of what is left.
-fn with_a_value_for_each<'a>(
-    model: &FittedModel<'a>,
-    global: usize,
-    records: &[usize],
-) -> Option<DriftingNumber<'a>> {
+fn with_a_value_for_each<'a>(model: &FittedModel<'a>, global: usize, records: &[usize]) -> Option<DriftingNumber<'a>> {
     let mut problem = model.problem.clone();
     let mut point = model.fit.point.clone();
     let (number, x) = (problem.globals[global].clone(), point.globals[global]);
@@ -233,7 +229,13 @@ fn between_neighbours(records: &[usize], values: &[f64], at: usize) -> f64 {
         let (h, k) = (length(own), length(next));
         let slope = ((2.0 * h + k) * rise(own) - h * rise(next)) / (h + k);
         let most = 3.0 * rise(own);
-        if slope * rise(own) <= 0.0 { 0.0 } else if slope.abs() > most.abs() { most } else { slope }
+        if slope * rise(own) <= 0.0 {
+            0.0
+        } else if slope.abs() > most.abs() {
+            most
+        } else {
+            slope
+        }
     };
     let slope = |i: usize| match i {
         _ if last == 1 => rise(0),
@@ -250,7 +252,10 @@ fn between_neighbours(records: &[usize], values: &[f64], at: usize) -> f64 {
             let (from, to) = (values[a] + x * h * slope(a), values[i] - (1.0 - x) * h * slope(i));
             let (start, finish) = ((1.0 - x) * (1.0 - x) * (1.0 + 2.0 * x), x * x * (3.0 - 2.0 * x));
             // Hermite's cubic as a blend of the two tangents and what is left of the bend between them.
-            values[a] * start + values[i] * finish + (from - values[a]) * (1.0 - x) * (1.0 - x) + (to - values[i]) * x * x
+            values[a] * start
+                + values[i] * finish
+                + (from - values[a]) * (1.0 - x) * (1.0 - x)
+                + (to - values[i]) * x * x
         }
     }
 }

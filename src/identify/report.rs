@@ -16,6 +16,7 @@ use super::{candidates::Hypothesis, stats};
 use crate::measurement::Measurement;
 use crate::measurement::facts::{Clock, Facts};
 use crate::measurement::segments::Data;
+use crate::measurement::wheels::WheelFacts;
 use serde::Serialize;
 
 /// Outcome.
@@ -245,6 +246,8 @@ pub struct IdentificationReport {
     pub facts: Vec<Facts>,
     /// Facts about the sampling of every record.
     pub clocks: Vec<Clock>,
+    /// What the edges of toothed wheels show in every record.
+    pub wheels: Vec<WheelFacts>,
     /// What the user should look at before believing the result.
     pub warnings: Vec<String>,
     /// The final fit ended at a minimum.
@@ -512,6 +515,7 @@ pub fn report(measurement: &Measurement, data: &Data, found: &AcceptedResult) ->
         alike: found.alike.clone(),
         facts: data.facts.clone(),
         clocks: data.clocks.clone(),
+        wheels: data.wheels.clone(),
         inverse_dynamics: None,
         varying: Vec::new(),
         doubts: Vec::new(),

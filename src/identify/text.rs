@@ -74,6 +74,9 @@ fn write_all(t: &mut String, r: &IdentificationReport) {
                 if c.gaps > 0 { format!(", {} gaps", c.gaps) } else { String::new() }
             )?;
         }
+        for w in &r.wheels {
+            writeln!(t, "  {}", w.to_string().replace('\n', "\n  "))?;
+        }
         writeln!(t, "  held-out samples {}, drive {}", r.held_out_hash, r.drive_hash)?;
         writeln!(t, "\n{}", verdict(r))?;
         writeln!(

@@ -96,6 +96,21 @@ pub fn noise(values: &[f64]) -> f64 {
     libm::sqrt(median(&mut means))
 }
 
+/// The same of values at any times: fourth divided differences, each over the square root of the sum of its squared weights.
+pub fn noise_at_times(points: &[(f64, f64)]) -> f64 {
+    let of = |window: &[(f64, f64); 5]| {
+        let weight = |own: f64| window.iter().filter(|(t, _)| *t != own).map(|(t, _)| 1.0 / (own - t)).product::<f64>();
+        let (sum, squares) = window.iter().fold((0.0, 0.0), |(sum, squares), (t, v)| {
+            let w = weight(*t);
+            (sum + w * v, squares + w * w)
+        });
+        sum * sum / squares
+    };
+    let mut squares: Vec<f64> = points.array_windows().map(of).filter(|d| d.is_finite()).collect();
+    // Median of chi-squared with one degree of freedom: 0.4549.
+    libm::sqrt(median(&mut squares) / 0.4549)
+}
+
 /// Initial stretch at rest, in which the value stays within a few steps: its length and mean.
 fn rest(values: &[f64], band: f64) -> (usize, Option<f64>) {
     let Some(first) = values.iter().copied().find(|v| v.is_finite()) else { return (0, None) };

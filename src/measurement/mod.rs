@@ -17,6 +17,7 @@ mod read;
 pub mod segments;
 #[doc(hidden)]
 pub mod units;
+pub mod wheels;
 
 use crate::diag::Report;
 use crate::drive::reader::{DriveReader, Places};
@@ -34,6 +35,8 @@ pub struct Measurement {
     pub drive: String,
     /// Files with measured columns.
     pub files: Vec<FileSpec>,
+    /// Toothed wheels whose angles are columns of the files.
+    pub wheels: Vec<wheels::WheelSpec>,
     /// Quantities that the model must reproduce.
     pub channels: Vec<ChannelSpec>,
     /// Quantities that drive the model.

@@ -1,6 +1,7 @@
 //! Reading a measurement file, table by table.
 
 use super::columns::FileLayout;
+use super::wheels::WheelSpec;
 use super::{
     CandidateSpec, ChannelSpec, FileSpec, FitScope, FitSpec, InputSpec, Measurement, PulseValues, RecordSpec, Split,
     Use,
@@ -16,6 +17,7 @@ pub(super) fn measurement(root: &TomlTable<'_>) -> Measurement {
         String::new()
     });
     let files = files(root);
+    let wheels = wheels(root);
     let channels = channels(root);
     let inputs = inputs(root);
     let records = records(root, &files, &channels, &inputs);
@@ -30,6 +32,7 @@ pub(super) fn measurement(root: &TomlTable<'_>) -> Measurement {
         title,
         drive,
         files,
+        wheels,
         channels,
         inputs,
         records,
@@ -91,6 +94,32 @@ fn files(root: &TomlTable<'_>) -> Vec<FileSpec> {
     }
     if all.is_empty() {
         root.error("no measured file is named".into(), Some("add `[files.NAME]` with `path = \"FILE.csv\"`".into()));
+    }
+    table.finish();
+    all
+}
+
+fn wheels(root: &TomlTable<'_>) -> Vec<WheelSpec> {
+    let table = root.table("wheels");
+    let mut all = Vec::new();
+    for (name, t) in table.tables() {
+        let column = text(&t, "column", "name of the column with the level");
+        let rising = t.choice("edge", &[("rising", true), ("falling", false)]).unwrap_or(true);
+        let places = usize::try_from(t.required_integer("teeth", 1..=10_000)).unwrap_or(1);
+        let without = t.list("missing", 1.0, 1.0..=places as f64).unwrap_or_default();
+        if let Some(part) = without.iter().find(|m| **m != libm::trunc(**m)) {
+            t.error_at("missing", format!("{part} is no place of the wheel"), Some("whole numbers from 1".into()));
+        }
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "from 1 to 10,000")]
+        let mut missing: Vec<usize> = without.iter().map(|m| *m as usize).collect();
+        missing.sort_unstable();
+        missing.dedup();
+        if missing.len() >= places {
+            let help = "`teeth` counts all places, also those without a tooth";
+            t.error_at("missing", "the wheel has no tooth left".into(), Some(help.into()));
+        }
+        all.push(WheelSpec { name, column, rising, places, missing });
+        t.finish();
     }
     table.finish();
     all

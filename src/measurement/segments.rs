@@ -6,6 +6,7 @@ use super::columns::{ColumnSelection, Columns, Memory, read};
 use super::facts::{self, Clock, Facts};
 use super::pulses::pulse_segments;
 use super::units::{MeasuredQuantity, unit};
+use super::wheels::{self, FEWEST_EDGES, WheelFacts};
 use super::{ChannelSpec, Measurement, PulseValues, RecordSpec, Use};
 use crate::diag::{Diag, nearest};
 use crate::machine::simulate::{InitialState, Samples, Task};
@@ -91,6 +92,8 @@ pub struct Data {
     pub facts: Vec<Facts>,
     /// Facts about the sampling of every record.
     pub clocks: Vec<Clock>,
+    /// What the edges of toothed wheels show in every record.
+    pub wheels: Vec<WheelFacts>,
     /// Warnings for the user.
     pub warnings: Vec<String>,
     /// Expected content that the measured files lack.
@@ -156,6 +159,7 @@ fn needed_columns(measurement: &Measurement, file: &str) -> Vec<String> {
     names.extend(records().filter_map(|r| r.time.as_ref().map(|(column, _)| column.clone())));
     names.extend(measurement.channels.iter().map(|c| c.column.clone()));
     names.extend(measurement.inputs.iter().map(|i| i.column.clone()));
+    names.extend(measurement.wheels.iter().map(|w| w.column.clone()));
     names
 }
 
@@ -174,6 +178,7 @@ fn split_into_segments(
         transfer: Vec::new(),
         facts: Vec::new(),
         clocks: Vec::new(),
+        wheels: Vec::new(),
         warnings: Vec::new(),
         missing: Vec::new(),
         set,
@@ -185,6 +190,18 @@ fn split_into_segments(
     }
     for (index, record) in measurement.records.iter().enumerate() {
         let Some((_, columns)) = tables.iter().find(|(n, _)| *n == record.file) else { continue };
+        let with_wheels;
+        let used = wheels::used(measurement, record);
+        let columns = if used.is_empty() {
+            columns
+        } else {
+            let found = wheels::with_wheels(measurement, record, (columns, &used), &mut diags);
+            let Some((edges, facts, warnings)) = found else { continue };
+            data.wheels.extend(facts);
+            data.warnings.extend(warnings);
+            with_wheels = edges;
+            &with_wheels
+        };
         let pulses = data.channels.iter().any(|c| c.relative);
         if pulses {
             pulse_segments(measurement, machine, (index, record), columns, &mut data, &mut diags);
@@ -369,7 +386,15 @@ fn sampled_segment(
         let what = ("channels", c.name.as_str(), c.column.as_str());
         let Some(raw) = column_of(measurement, record, columns, (from, to), what, diags) else { continue };
         check_values(measurement, record, c, raw, diags);
-        data.facts.push(facts::from_values(&record.name, &c.name, &c.unit, raw, c.noise));
+        let mut facts = facts::from_values(&record.name, &c.name, &c.unit, raw, c.noise);
+        if measurement.wheels.iter().any(|w| w.column_name() == c.column) {
+            // Teeth stand on a grid, and not at equal times.
+            let points = times.iter().flatten().copied().zip(raw.iter().copied()).filter(|(_, v)| v.is_finite());
+            facts.quantisation = 0.0;
+            facts.missing = 0;
+            facts.noise = c.noise.unwrap_or_else(|| facts::noise_at_times(&points.collect::<Vec<_>>()));
+        }
+        data.facts.push(facts);
         measured.push(raw.iter().map(|v| v / channel.shown).collect::<Vec<f64>>());
     }
     let mut inputs = Vec::new();
@@ -397,7 +422,8 @@ fn sampled_segment(
     }
     let clock = facts::clock(&record.name, &t_s);
     let even = clock.jitter_percent < 0.01 && clock.gaps == 0;
-    if clock.gaps > 0 {
+    // Edges of wheels come as their teeth do.
+    if clock.gaps > 0 && wheels::used(measurement, record).is_empty() {
         data.warnings.push(format!(
             "record `{}` has {} gaps in its times; the model runs through them",
             record.name, clock.gaps
@@ -448,7 +474,12 @@ fn check_values(
         let help = "no sensor reads that: leave the field empty where a sample is lost";
         diags.push(measurement.places.error(&at, title, Some(help.into())));
     }
-    if 5 * missing > raw.len() {
+    let of_wheel = measurement.wheels.iter().any(|w| w.column_name() == channel.column);
+    if of_wheel && known.len() < FEWEST_EDGES {
+        let title = format!("channel `{}` has {} edges in record `{}`", channel.name, known.len(), record.name);
+        diags.push(measurement.places.error(&at, title, Some(format!("at least {FEWEST_EDGES} are needed"))));
+    }
+    if 5 * missing > raw.len() && !of_wheel {
         let title =
             format!("channel `{}` lacks {missing} of {} values in record `{}`", channel.name, raw.len(), record.name);
         let help = "a fifth may be missing at most: cut the record, or take the channel away";
@@ -488,9 +519,13 @@ pub fn first_guess(
             }
             Reads::Angle(b) => {
                 start.q[b] = first / gain;
-                let some: Vec<f64> = series.iter().take(6).copied().filter(|v| v.is_finite()).collect();
-                if let (Some(last), false) = (some.last(), known[b]) {
-                    start.v[b] = (last - first) / gain / (step_s * (some.len() - 1).max(1) as f64);
+                // Those of the first samples that are known, or the first two of a series that has few.
+                let mut some = series.iter().enumerate().filter(|(_, v)| v.is_finite());
+                let from = some.next().map_or(0, |(i, _)| i);
+                let second = some.next();
+                let last = some.take_while(|(i, _)| *i < 6).last().or(second);
+                if let (Some((to, last)), false) = (last, known[b]) {
+                    start.v[b] = (last - first) / gain / (step_s * (to - from) as f64);
                     known[b] = true;
                 }
             }

@@ -107,7 +107,7 @@ impl Memory {
 
 impl Columns {
     /// Columns in which all values are numbers.
-    fn from_numbers(names: Vec<String>, values: Vec<Vec<f64>>) -> Columns {
+    pub(super) fn from_numbers(names: Vec<String>, values: Vec<Vec<f64>>) -> Columns {
         Columns {
             wrong: vec![None; names.len()],
             units: vec![None; names.len()],
