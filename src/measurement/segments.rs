@@ -11,6 +11,7 @@ use super::{ChannelSpec, Measurement, PulseValues, RecordSpec, Use};
 use crate::diag::{Diag, nearest};
 use crate::machine::simulate::{InitialState, Samples, Task};
 use crate::machine::{InputKind, Machine, Reads};
+use crate::units::DEG;
 use std::path::Path;
 
 /// A stretch of a record that is simulated in one run.
@@ -387,12 +388,15 @@ fn sampled_segment(
         let Some(raw) = column_of(measurement, record, columns, (from, to), what, diags) else { continue };
         check_values(measurement, record, c, raw, diags);
         let mut facts = facts::from_values(&record.name, &c.name, &c.unit, raw, c.noise);
-        if measurement.wheels.iter().any(|w| w.column_name() == c.column) {
+        if let Some(wheel) = measurement.wheels.iter().find(|w| w.column_name() == c.column) {
             // Teeth stand on a grid, and not at equal times.
             let points = times.iter().flatten().copied().zip(raw.iter().copied()).filter(|(_, v)| v.is_finite());
             facts.quantisation = 0.0;
             facts.missing = 0;
-            facts.noise = c.noise.unwrap_or_else(|| facts::noise_at_times(&points.collect::<Vec<_>>()));
+            let seen = data.wheels.iter().find(|w| w.record == record.name && w.wheel == wheel.name);
+            let seen = seen.and_then(|w| w.noise_deg).map(|deg| deg * DEG / unit(&c.unit).map_or(DEG, |(_, f)| f));
+            let noise = c.noise.or(seen);
+            facts.noise = noise.unwrap_or_else(|| facts::noise_at_times(&points.collect::<Vec<_>>()));
         }
         data.facts.push(facts);
         measured.push(raw.iter().map(|v| v / channel.shown).collect::<Vec<f64>>());

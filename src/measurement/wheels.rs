@@ -57,6 +57,8 @@ pub struct WheelFacts {
     pub orders: Vec<SpeedOrder>,
     /// Where the edges stand on the wheel with most edges.
     pub stands_at: Option<StandsAt>,
+    /// Standard deviation of a single edge by the wheel with most edges: what differs from turn to turn at the same tooth.
+    pub noise_deg: Option<f64>,
 }
 
 /// A wave of a wheel's speed.
@@ -398,6 +400,7 @@ fn facts(record: &RecordSpec, found: &[(&WheelSpec, Edges)]) -> Vec<WheelFacts> 
             speed_rpm: [rpm(turns / length_s), rpm(ends[0]), rpm(ends[1])],
             orders: if wheel.places >= FINE_WHEEL { speed_orders(&edges.t_s, &angles) } else { Vec::new() },
             stands_at: other.and_then(|(w, e)| stands_at(&edges.t_s, w, e)),
+            noise_deg: other.and_then(|(w, e)| noise((wheel, edges), (w, e))).map(|noise| noise / DEG),
         }
     };
     found.iter().map(of).collect()
@@ -444,6 +447,28 @@ fn speed_orders(t_s: &[f64], angles: &[f64]) -> Vec<SpeedOrder> {
     all.sort_by(|a, b| b.speed_percent.total_cmp(&a.speed_percent));
     all.truncate(TOLD_ORDERS);
     all
+}
+
+/// Standard deviation of an edge [rad]: second differences over whole turns of its angle less that of another wheel, which turns with it.
+/// They leave out what repeats with every turn.
+fn noise((wheel, edges): (&WheelSpec, &Edges), (other, on): (&WheelSpec, &Edges)) -> Option<f64> {
+    let (angles, others) = (edges.angles(wheel), on.angles(other));
+    let pairs = edges.t_s.iter().zip(&angles).zip(&edges.places);
+    let known: Vec<(i64, f64, f64)> =
+        pairs.filter_map(|((t, a), place)| Some((*place, *a, interpolated(&on.t_s, &others, *t)?))).collect();
+    let (first, last) = (known.first()?, known.last()?);
+    let per_other = (last.1 - first.1) / (last.2 - first.2);
+    let turn = i64::try_from(wheel.places).ok()?;
+    let at = |place: i64| {
+        let k = known.binary_search_by_key(&place, |(p, ..)| *p).ok()?;
+        known.get(k).map(|(_, own, other)| (own - first.1) - per_other * (other - first.2))
+    };
+    let second = |(place, ..): &(i64, f64, f64)| {
+        Some(at(*place)? - 2.0 * at(place.saturating_add(turn))? + at(place.saturating_add(2 * turn))?)
+    };
+    // Of second differences: 6 times the variance of one edge. Median of chi-squared with one degree of freedom: 0.4549.
+    let mut squares: Vec<f64> = known.iter().filter_map(second).map(|d| d * d / 6.0).collect();
+    (squares.len() >= FEWEST_EDGES).then(|| libm::sqrt(median(&mut squares) / 0.4549))
 }
 
 /// Where edges stand on another wheel.
@@ -497,6 +522,9 @@ impl std::fmt::Display for WheelFacts {
                 "\n    stands at {:.3} deg of {} (every {} turns), scatter {:.4} deg, correlation of neighbours {:.2}",
                 s.angle_deg, s.wheel, s.turns_between, s.scatter_deg, s.neighbour_correlation
             )?;
+        }
+        if let Some(noise) = self.noise_deg {
+            write!(f, "\n    one edge differs from turn to turn by {noise:.4} deg (standard deviation)")?;
         }
         Ok(())
     }
