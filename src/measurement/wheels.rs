@@ -107,6 +107,9 @@ const WHOLE: f64 = 0.25;
 const NEIGHBOURS: usize = 5;
 /// Edges at least.
 pub(super) const FEWEST_EDGES: usize = 8;
+/// With more edges that fit no tooth, and teeth without an edge, than these, the wheel is not as the file says.
+const MOST_ODD: usize = 4;
+const MOST_ODD_PER_TURN: f64 = 0.5;
 /// Edges of a turn from which the speed within a turn is told, and orders that are looked at, by halves.
 const FINE_WHEEL: usize = 12;
 const HIGHEST_ORDER: usize = 8;
@@ -346,7 +349,7 @@ pub(super) fn with_wheels(
         columns_there.push(wheel.column_name());
         values.push(rows.iter().map(value).collect());
     }
-    let warnings = found.iter().flat_map(|(w, e)| said(record, w, e)).collect();
+    let warnings = found.iter().flat_map(|(w, e)| said(&record.name, w, e)).collect();
     let facts = facts(record, &found);
     let mut replaced = Columns::from_numbers(columns_there, values);
     replaced.units = replaced.names.iter().map(|n| n.starts_with("wheels.").then(|| "deg".to_string())).collect();
@@ -354,9 +357,9 @@ pub(super) fn with_wheels(
 }
 
 /// What a user must know of the edges of a wheel.
-fn said(record: &RecordSpec, wheel: &WheelSpec, edges: &Edges) -> Vec<String> {
+fn said(record: &str, wheel: &WheelSpec, edges: &Edges) -> Vec<String> {
     let mut all = Vec::new();
-    let mut say = |text: String| all.push(format!("record `{}`, wheel `{}`: {text}", record.name, wheel.name));
+    let mut say = |text: String| all.push(format!("record `{record}`, wheel `{}`: {text}", wheel.name));
     if !edges.extra_s.is_empty() {
         let some: Vec<String> = edges.extra_s.iter().take(4).map(|t| format!("{t:.6}")).collect();
         let more = if edges.extra_s.len() > some.len() { ", ..." } else { "" };
@@ -364,6 +367,14 @@ fn said(record: &RecordSpec, wheel: &WheelSpec, edges: &Edges) -> Vec<String> {
     }
     if edges.missed > 0 {
         say(format!("{} teeth made no edge; places are counted through them", edges.missed));
+    }
+    let turns = edges.t_s.len() as f64 / (wheel.places - wheel.missing.len()) as f64;
+    let odd = edges.extra_s.len() + edges.missed;
+    if odd > MOST_ODD && odd as f64 > MOST_ODD_PER_TURN * turns {
+        say(format!(
+            "{:.1} such edges a turn: are `teeth`, `missing` and `edge` those of this wheel?",
+            odd as f64 / turns
+        ));
     }
     if edges.is_open {
         say("more than one place could be the first: its angle is known but for whole places".into());
@@ -582,6 +593,11 @@ mod tests {
         assert_eq!((found.missed, found.extra_s.len()), (1, 1), "{:?}", found.extra_s);
         let last = found.places.len() - 1;
         assert_eq!(found.places[last] - found.places[0], 4 * 60 - 3);
+        assert_eq!(said("a", &wheel, &found).len(), 2);
+        // Another wheel than that which made the edges.
+        let other = WheelSpec { missing: vec![30, 60], ..wheel };
+        let found = edges(&other, &t, &level).unwrap();
+        assert!(said("a", &other, &found).iter().any(|t| t.contains("are `teeth`, `missing`")), "{found:?}");
     }
 
     #[test]
