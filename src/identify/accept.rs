@@ -350,42 +350,93 @@ fn left_unexplained(best: &FittedModel, judged: &HeldOutComparison) -> Option<f6
     left.reduce(f64::max).filter(|left| *left > most)
 }
 
+/// The held-out error of a set with a size for each record may be this multiple of the noise at most.
+const MOST_TIMES_FLOOR: f64 = 1.5;
+/// Records whose inputs grow or fall in their order by this factor may differ by their load, and not by their order.
+const LOAD_CHANGES: f64 = 1.2;
+
 /// Takes the accepted set, or a single effect where none was accepted, with a size for each record, if held-out records confirm the
-/// course of the sizes and little is left then. Returns whether it did.
+/// course of the sizes and little more than noise is left then. Returns whether it did.
 pub fn accept_drifting<'a>(found: &mut AcceptedResult<'a>, drifting: &[DriftingNumber<'a>]) -> bool {
-    let first = drifting.first().filter(|d| d.number.course != Course::NoOrder);
-    let Some(DriftingNumber { number, model, .. }) = first else { return false };
-    let is_of = |which: &usize| number.path.starts_with(&format!("{}.", placed_path(model, *which)));
-    let Some(which) = (0..model.effects.len()).find(is_of) else { return false };
-    if model.identity() == found.best.identity() {
-        found.best = model.clone();
-        return true;
+    let has_course = |d: &&DriftingNumber| d.number.course != Course::NoOrder && !is_ordered_by_load(&d.model.problem);
+    for d in drifting.iter().filter(has_course) {
+        let DriftingNumber { number, model, .. } = d;
+        let is_of = |which: &usize| number.path.starts_with(&format!("{}.", placed_path(model, *which)));
+        let Some(which) = (0..model.effects.len()).find(is_of) else { continue };
+        if !is_at_the_floor(model) {
+            continue;
+        }
+        if model.identity() == found.best.identity() {
+            found.best = model.clone();
+            return true;
+        }
+        if found.best.effects.is_empty() && accept_single(found, d, which, drifting) {
+            return true;
+        }
     }
+    false
+}
+
+/// Whether little more than noise is left of every channel.
+fn is_at_the_floor(model: &FittedModel) -> bool {
+    let channels = model.problem.data.channels.iter().enumerate();
+    channels.into_iter().all(|(c, channel)| {
+        let (fitted, held_out) = model.residuals().rms(c);
+        fitted.max(held_out) <= MOST_TIMES_FLOOR * channel.noise
+    })
+}
+
+/// Whether an input grows or falls in the order of the fitted records: what seems to follow their order may follow the load.
+fn is_ordered_by_load(problem: &Problem) -> bool {
+    let fitted = problem.data.segments.iter().filter(|s| s.judge_from > 0);
+    let loads: Vec<Vec<f64>> =
+        fitted.map(|s| s.task.inputs.iter().map(|u| stats::rms(std::slice::from_ref(u))).collect()).collect();
+    let inputs = loads.iter().map(Vec::len).min().unwrap_or(0);
+    (0..inputs).any(|i| {
+        let of: Vec<f64> = loads.iter().map(|l| l[i]).collect();
+        let (first, last) = (of[0], of[of.len() - 1]);
+        let one_way = of.windows(2).all(|w| w[1] > w[0]) || of.windows(2).all(|w| w[1] < w[0]);
+        one_way && first.max(last) > LOAD_CHANGES * first.min(last)
+    })
+}
+
+/// Accepts a set of one effect with a size for each record.
+fn accept_single<'a>(
+    found: &mut AcceptedResult<'a>,
+    d: &DriftingNumber<'a>,
+    which: usize,
+    drifting: &[DriftingNumber<'a>],
+) -> bool {
+    let DriftingNumber { number, model, .. } = d;
     let (with, without) = (model.residuals().clone(), found.declared.residuals().clone());
     let judged = HeldOutComparison { with, without, left_out: Vec::new() };
     let effective = best_effective(&[found.declared.clone(), model.clone()]);
-    let evidence = evidence_from(model, &found.declared, which, &effective, &judged, model.threads);
-    let why = rejection_reason(model, which, &evidence);
-    let is_accepted = found.best.effects.is_empty() && why.is_none() && left_unexplained(model, &judged).is_none();
-    if is_accepted {
-        let own_score = score(model, &effective);
-        let is_rival = |d: &&DriftingNumber| {
-            d.number.course != Course::NoOrder && score(&d.model, &effective) < own_score + CLEAR_SCORE_GAP
-        };
-        let rivals = drifting[1..].iter().filter(is_rival).filter(|d| d.model.identity() != model.identity());
-        let rival = |d: &DriftingNumber| {
-            let h = &d.model.effects[0];
-            let (identity, path, score) = (h.identity(), h.path(), score(&d.model, &effective) - own_score);
-            Rival { identity, path, score, judge_ratio: d.model.residuals().judge_ratio(model.residuals()) }
-        };
-        found.rivals = vec![rivals.map(rival).collect()];
-        let id = model.effects[which].identity();
-        let own = |t: &&mut Trial| t.identity == id && t.beside.is_empty() && t.rms_fit.is_some();
-        found.trials.iter_mut().filter(own).for_each(|t| t.why = "accepted, with a size for each record".into());
-        found.evidence = vec![evidence];
-        found.best = model.clone();
+    let mut evidence = evidence_from(model, &found.declared, which, &effective, &judged, model.threads);
+    // The sizes of all records but one are free beyond what a set is charged for.
+    let more = number.values.len().saturating_sub(1) as f64;
+    evidence.score -= more * libm::log(effective.iter().sum::<f64>().max(2.0));
+    if rejection_reason(model, which, &evidence).is_some() || left_unexplained(model, &judged).is_some() {
+        return false;
     }
-    is_accepted
+    let own_score = score(model, &effective);
+    let mut rivals: Vec<Rival> = Vec::new();
+    for other in drifting {
+        let is_clear = score(&other.model, &effective) > own_score + CLEAR_SCORE_GAP;
+        let [h] = other.model.effects.as_slice() else { continue };
+        let is_known = other.model.identity() == model.identity() || rivals.iter().any(|r| r.identity == h.identity());
+        if other.number.course != Course::NoOrder && !is_clear && !is_known {
+            let (identity, path, score) = (h.identity(), h.path(), score(&other.model, &effective) - own_score);
+            let judge_ratio = other.model.residuals().judge_ratio(model.residuals());
+            rivals.push(Rival { identity, path, score, judge_ratio });
+        }
+    }
+    let id = model.effects[which].identity();
+    let own = |t: &&mut Trial| t.identity == id && t.beside.is_empty() && t.rms_fit.is_some();
+    found.trials.iter_mut().filter(own).for_each(|t| t.why = "accepted, with a size for each record".into());
+    found.rivals = vec![rivals];
+    found.evidence = vec![evidence];
+    found.best = model.clone();
+    true
 }
 
 /// Number of sets that are examined closely, one after the other, until one is accepted unchanged.

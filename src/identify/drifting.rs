@@ -80,7 +80,9 @@ pub struct DriftingNumber<'a> {
 /// Numbers that are tried with a value for each record: those that promise most.
 const TRIED: usize = 3;
 /// Numbers that are told at most.
-const TOLD: usize = 3;
+pub(super) const TOLD: usize = 3;
+/// Records from which a course is told: two are always in an order.
+const LEAST_RECORDS: usize = 3;
 /// Share of the fitted squared error above the noise floor that values for each record must take, by their slopes and then by a fit.
 // Not varied. Coulomb friction that falls by a quarter or a half over six records takes 83 to 99 % in three cases of a blind set.
 const LEAST_SHARE: f64 = 0.5;
@@ -100,7 +102,6 @@ pub fn varying_numbers<'a>(
     let others: Vec<_> = others.iter().flat_map(|m| of_model(m, context)).collect();
     found.extend(others.into_iter().filter(|d| !is_unordered(d)));
     found.sort_by(|a, b| is_unordered(a).cmp(&is_unordered(b)).then(a.left.total_cmp(&b.left)));
-    found.truncate(TOLD);
     found
 }
 
@@ -191,7 +192,11 @@ fn with_a_value_for_each<'a>(model: &FittedModel<'a>, global: usize, records: &[
     }
     let is_judged = !model.own.segments.is_empty();
     let held_out_ratio = is_judged.then(|| other.residuals().judge_ratio(model.residuals()));
-    let is_predicted = held_out_ratio.is_some_and(|[ratio, _, high]| ratio < MOST_HELD_OUT && high < 1.0);
+    let is_between = |r: &usize| records.iter().any(|own| own < r) && records.iter().any(|own| own > r);
+    let judges = model.own.segments.iter().map(|s| s.record).filter(|r| !records.contains(r));
+    let is_tested = records.len() >= LEAST_RECORDS && judges.into_iter().any(|r| is_between(&r));
+    let falls_enough = |[ratio, _, high]: [f64; 3]| ratio < MOST_HELD_OUT && high < 1.0;
+    let is_predicted = is_tested && held_out_ratio.is_some_and(falls_enough);
     let course = match () {
         () if !is_predicted => Course::NoOrder,
         () if values.windows(2).all(|w| w[1] < w[0]) => Course::Falls,
@@ -222,7 +227,7 @@ fn between_neighbours(records: &[usize], values: &[f64], at: usize) -> f64 {
     let inner = |i: usize| {
         let (a, b) = (rise(i - 1), rise(i));
         let (near, far) = (length(i - 1) + 2.0 * length(i), 2.0 * length(i - 1) + length(i));
-        if a * b > 0.0 { (near + far) / (far / a + near / b) } else { 0.0 }
+        if a * b > 0.0 { (near + far) / (near / a + far / b) } else { 0.0 }
     };
     // At an end, of the parabola through three records; never away from the neighbour, never steeper than three times the straight line.
     let end = |own: usize, next: usize| {
@@ -285,6 +290,10 @@ mod tests {
             let error = between_neighbours(&records, &values, r) / warm(r) - 1.0;
             assert!(error.abs() < 0.01, "record {r}: {error}");
         }
+        // Between records at uneven places too: an end of one, a gap of four.
+        let uneven = [0, 1, 5, 6];
+        let error = between_neighbours(&uneven, &uneven.map(warm), 3) / warm(3) - 1.0;
+        assert!(error.abs() < 0.03, "{error}");
         // Nothing overshoots where values turn.
         let bent = [1.0, 3.0, 3.0, 0.0];
         assert_eq!(between_neighbours(&records, &bent, 3), 3.0);

@@ -108,11 +108,13 @@ pub fn identify(
         context.report("looking for numbers that differ from record to record");
         let others = if found.best.effects.is_empty() { &leads[..] } else { &[] };
         let drifting = drifting::varying_numbers(&found.best, others, context);
-        if accept::accept_drifting(&mut found, &drifting) {
+        let is_named = accept::accept_drifting(&mut found, &drifting);
+        if is_named {
             report = report::report(measurement, data, &found);
         }
-        report.varying = drifting.into_iter().map(|d| d.number).collect();
-        report.next_experiment.splice(0..0, report.varying.first().map(drifting::VaryingNumber::experiment));
+        report.varying = drifting.into_iter().take(drifting::TOLD).map(|d| d.number).collect();
+        let proposed = report.varying.first().filter(|_| !is_named).map(drifting::VaryingNumber::experiment);
+        report.next_experiment.splice(0..0, proposed);
     }
     let cut_short = found.cut_short || context.must_end();
     if search::is_at_step_limit(&found.best) {
@@ -136,7 +138,7 @@ pub fn identify(
             report.warnings.push(moved.text);
         }
     }
-    if report.outcome == IdentificationVerdict::Named && !report.doubts.is_empty() {
+    if report.outcome == IdentificationVerdict::Named && (!report.doubts.is_empty() || cut_short) {
         report.outcome = IdentificationVerdict::Lead;
     }
     context.report("analysing the residuals");

@@ -88,18 +88,18 @@ pub struct Problem<'a> {
     pub max_steps: f64,
     /// Model runs so far.
     pub runs: &'a AtomicU64,
-    pub ending: Ending<'a>,
+    pub ending: FitEnding<'a>,
 }
 
 /// What ends a fit before it has converged. A limit of model runs does not: where it falls in a fit would depend on the threads.
 #[derive(Clone, Copy, Debug)]
-pub struct Ending<'a> {
+pub struct FitEnding<'a> {
     /// Another thread sets it.
     pub stop: &'a AtomicBool,
     pub deadline: Option<Instant>,
 }
 
-impl Ending<'_> {
+impl FitEnding<'_> {
     pub fn is_due(&self) -> bool {
         self.stop.load(Ordering::Relaxed) || self.deadline.is_some_and(|end| Instant::now() >= end)
     }

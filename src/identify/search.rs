@@ -9,7 +9,7 @@ use super::fit::{Fit, FitOptions, fit, parallel};
 use super::inverse;
 use super::judge;
 use super::model::{FIT_ITERATIONS, FittedModel, fit_model, score, with_shapes_beyond};
-use super::problem::{Ending, Global, Law, Point, Problem};
+use super::problem::{FitEnding, Global, Law, Point, Problem};
 use super::screen::{LinearisedBase, ScreeningResult, screen};
 use super::settled;
 use super::stats::{self, Random};
@@ -60,9 +60,9 @@ impl Context<'_> {
     }
 
     /// What ends a fit on its way.
-    pub fn ending(&self) -> Ending<'_> {
+    pub fn ending(&self) -> FitEnding<'_> {
         let length = self.budget.seconds.and_then(|s| Duration::try_from_secs_f64(s).ok());
-        Ending { stop: self.stop, deadline: length.and_then(|length| self.started.checked_add(length)) }
+        FitEnding { stop: self.stop, deadline: length.and_then(|length| self.started.checked_add(length)) }
     }
 
     /// Reports the beginning of a stage.

@@ -104,7 +104,7 @@ fn write_effect(document: &mut DocumentMut, e: &NamedEffect) -> Option<()> {
         }
         written.push(key);
         let row = crate::effects::named(name).and_then(|e| e.parameters.iter().find(|p| p.key == key));
-        // A size that differs from record to record: that of the last state of the machine.
+        // A size that differs from record to record: that of the last fitted record.
         let is_phase = row.is_some_and(|p| p.kind == Kind::Phase);
         let n = e.parameters.iter().rfind(|m| m.path == n.path).filter(|_| !is_phase).unwrap_or(n);
         let is_whole = row.is_some_and(|p| p.kind.is_whole()) && n.value == libm::trunc(n.value);

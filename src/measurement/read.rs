@@ -118,7 +118,12 @@ fn wheels(root: &TomlTable<'_>) -> Vec<WheelSpec> {
             let help = "`teeth` counts all places, also those without a tooth";
             t.error_at("missing", "the wheel has no tooth left".into(), Some(help.into()));
         }
-        all.push(WheelSpec { name, column, rising, places, missing });
+        let wheel = WheelSpec { name, column, rising, places, missing };
+        if wheel.missing.len() < places && !wheel.has_usual_gap() {
+            let help = "two thirds of the gaps between teeth must be alike: the edges do not tell the places otherwise";
+            t.error_at("missing", "the teeth of this wheel are too uneven".into(), Some(help.into()));
+        }
+        all.push(wheel);
         t.finish();
     }
     table.finish();

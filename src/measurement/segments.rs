@@ -434,7 +434,8 @@ fn sampled_segment(
         ));
     }
     let step_s = if clock.rate_hz > 0.0 { 1.0 / clock.rate_hz } else { 1.0 };
-    let start = first_guess(machine, &data.channels, &measured, step_s, record.at_rest);
+    let guess = first_guess(machine, &data.channels, &measured, step_s, record.at_rest);
+    let start = start_of_wheels(measurement, machine, (&t_s, &inputs), &guess);
     if record.judge_from_row.is_some_and(|row| row > to) {
         let title = format!("record `{}` has no row beyond {to}", record.name);
         let help = "`judge_from_row` is the first row that judges";
@@ -537,8 +538,17 @@ pub fn first_guess(
             }
         }
     }
-    // Bodies on the same springs move along with bodies whose motion is known.
-    for _ in 0..n {
+    tie_others(machine, &mut start, &mut known);
+    start
+}
+
+/// Bodies on the same springs move along with bodies whose motion is known.
+#[expect(
+    clippy::indexing_slicing,
+    reason = "springs join bodies of this machine, whose numbers are places in its own list"
+)]
+fn tie_others(machine: &Machine, start: &mut InitialState, known: &mut [bool]) {
+    for _ in 0..known.len() {
         for s in &machine.springs {
             let [a, b] = s.ends.as_slice() else { continue };
             for (from, to) in [(a, b), (b, a)] {
@@ -548,6 +558,33 @@ pub fn first_guess(
                     known[to.body] = true;
                 }
             }
+        }
+    }
+}
+
+/// A start in which bodies stand where toothed wheels that drive the model say, and all others on their springs with them.
+fn start_of_wheels(
+    measurement: &Measurement,
+    machine: &Machine,
+    (t_s, inputs): (&[f64], &[Vec<f64>]),
+    guess: &InitialState,
+) -> InitialState {
+    let mut start = InitialState { q: vec![0.0; guess.q.len()], v: vec![0.0; guess.v.len()], travel: guess.travel };
+    let mut known = vec![false; guess.q.len()];
+    for (input, series) in machine.inputs.iter().zip(inputs) {
+        let spec = measurement.inputs.iter().find(|i| i.input == input.path);
+        let is_wheel = spec.is_some_and(|i| measurement.wheels.iter().any(|w| w.column_name() == i.column));
+        if let ([first, second, ..], [from, to, ..], true) = (series.as_slice(), t_s, is_wheel)
+            && let (Some(q), Some(v), Some(known)) =
+                (start.q.get_mut(input.body), start.v.get_mut(input.body), known.get_mut(input.body))
+        {
+            (*q, *v, *known) = (*first, (second - first) / (to - from), true);
+        }
+    }
+    tie_others(machine, &mut start, &mut known);
+    for body in known.iter().enumerate().filter(|(_, known)| !**known).map(|(body, _)| body) {
+        if let (Some(q), Some(v)) = (start.q.get_mut(body), start.v.get_mut(body)) {
+            (*q, *v) = (guess.q.get(body).copied().unwrap_or(0.0), guess.v.get(body).copied().unwrap_or(0.0));
         }
     }
     start

@@ -1,7 +1,7 @@
 //! Toothed wheels under a pickup: the edges of its signal become the angle of the wheel.
 //!
 //! A wheel has evenly spaced places, some of them without a tooth (36-2-1, 60-2). Between two edges lie whole places: the interval in
-//! units of the usual one of its neighbours. The places without a tooth then tell which place is the first. Edges that no tooth makes
+//! units of the usual one of its neighbours. The places without a tooth then tell which place is the first. WheelEdges that no tooth makes
 //! are left out, teeth without an edge are counted through, and both are told.
 
 use super::columns::Columns;
@@ -30,6 +30,13 @@ pub struct WheelSpec {
 }
 
 impl WheelSpec {
+    /// Whether most gaps between teeth are alike, so that the usual interval of a few neighbours is one gap.
+    pub(super) fn has_usual_gap(&self) -> bool {
+        let gaps = gaps(self);
+        let usual = usual_places(self);
+        3 * gaps.iter().filter(|g| **g == usual).count() >= 2 * gaps.len()
+    }
+
     /// What channels and inputs write as their column.
     pub fn column_name(&self) -> String {
         format!("wheels.{}", self.name)
@@ -43,7 +50,7 @@ pub struct WheelFacts {
     pub record: String,
     /// Name of the wheel.
     pub wheel: String,
-    /// Edges that teeth make.
+    /// WheelEdges that teeth make.
     pub edges: usize,
     /// Times of edges that no tooth makes, from the beginning of the record [s].
     pub extra_s: Vec<f64>,
@@ -79,7 +86,7 @@ pub struct StandsAt {
     pub wheel: String,
     /// Turns of the other wheel from one edge to the next.
     pub turns_between: f64,
-    /// Mean angle after the other wheel's first place, less than `turns_between`.
+    /// Mean angle after the other wheel's first place, of one of these turns: which one, two pickups do not tell.
     pub angle_deg: f64,
     /// Standard deviation of a single edge.
     pub scatter_deg: f64,
@@ -87,9 +94,9 @@ pub struct StandsAt {
     pub neighbour_correlation: f64,
 }
 
-/// Edges with the places of the teeth that made them.
+/// WheelEdges with the places of the teeth that made them.
 #[derive(Clone, Debug, PartialEq)]
-struct Edges {
+struct WheelEdges {
     t_s: Vec<f64>,
     /// Counted through all turns, from 0 for the first place of the turn in which the record begins.
     places: Vec<i64>,
@@ -105,13 +112,17 @@ const TOO_SHORT: f64 = 0.4;
 const WHOLE: f64 = 0.25;
 /// Neighbours on each side that tell the usual interval.
 const NEIGHBOURS: usize = 5;
-/// Edges at least.
+/// WheelEdges at least.
 pub(super) const FEWEST_EDGES: usize = 8;
+/// A ratio of two wheels' turns differs from a multiple of a half by less than this share, or they do not turn together.
+const SAME_RATIO: f64 = 0.03;
+/// Teeth in a row that may make no edge.
+const MOST_MISSED: usize = 6;
 /// With more edges that fit no tooth, and teeth without an edge, than these, the wheel is not as the file says.
 const MOST_ODD: usize = 4;
 const MOST_ODD_PER_TURN: f64 = 0.5;
-/// Edges of a turn from which the speed within a turn is told, and orders that are looked at, by halves.
-const FINE_WHEEL: usize = 12;
+/// Places from which the speed within a turn is told (more than two for a wave), and orders that are looked at, by halves.
+const FINE_WHEEL: usize = 18;
 const HIGHEST_ORDER: usize = 8;
 const TOLD_ORDERS: usize = 6;
 /// An order of this amplitude at most is not told [percent of the mean speed].
@@ -120,6 +131,8 @@ const SMALL_PERCENT: f64 = 0.01;
 /// Times at which the signal crosses the middle between its lowest and its highest value. Where it has two values only, as from a logic
 /// analyser, the row of a change has its time; between samples of a smooth signal the time lies on a straight line.
 fn crossings(t_s: &[f64], level: &[f64], rising: bool) -> Vec<f64> {
+    // Without the rows that have no level.
+    let (t_s, level): (Vec<f64>, Vec<f64>) = t_s.iter().zip(level).filter(|(_, v)| v.is_finite()).unzip();
     let low = level.iter().copied().fold(f64::MAX, f64::min);
     let high = level.iter().copied().fold(f64::MIN, f64::max);
     let middle = 0.5 * (low + high);
@@ -164,26 +177,40 @@ fn without_extra(t_s: &[f64], usual_places: f64) -> (Vec<f64>, Vec<f64>) {
 
 /// Places between neighbouring teeth over a turn of the wheel, the median.
 fn usual_places(wheel: &WheelSpec) -> f64 {
-    let teeth: Vec<usize> = (1..=wheel.places).filter(|p| !wheel.missing.contains(p)).collect();
-    let (Some(first), Some(last)) = (teeth.first(), teeth.last()) else { return 1.0 };
-    let over_the_end = (first + wheel.places - last) as f64;
-    let mut gaps: Vec<f64> = teeth.array_windows().map(|[a, b]| (b - a) as f64).chain([over_the_end]).collect();
-    median(&mut gaps)
+    median(&mut gaps(wheel))
 }
 
-/// Gives every edge its place. None: there are too few.
-fn edges(wheel: &WheelSpec, t_s: &[f64], level: &[f64]) -> Option<Edges> {
+/// Places from each tooth to the next.
+fn gaps(wheel: &WheelSpec) -> Vec<f64> {
+    let teeth: Vec<usize> = (1..=wheel.places).filter(|p| !wheel.missing.contains(p)).collect();
+    let (Some(first), Some(last)) = (teeth.first(), teeth.last()) else { return vec![1.0] };
+    let over_the_end = (first + wheel.places - last) as f64;
+    teeth.array_windows().map(|[a, b]| (b - a) as f64).chain([over_the_end]).collect()
+}
+
+/// Gives every edge its place.
+///
+/// # Errors
+/// What is wrong with the edges: there are too few, or they pause.
+fn edges(wheel: &WheelSpec, t_s: &[f64], level: &[f64]) -> Result<WheelEdges, String> {
+    let too_few = || format!("fewer than {FEWEST_EDGES} edges: is it the column of the level, and the right `edge`?");
     let usual_places = usual_places(wheel);
     let (t_s, extra_s) = without_extra(&crossings(t_s, level, wheel.rising), usual_places);
     if t_s.len() < FEWEST_EDGES {
-        return None;
+        return Err(too_few());
     }
+    let longest = (wheel.missing.len() + 1 + MOST_MISSED) as f64;
     let intervals: Vec<f64> = t_s.array_windows().map(|[a, b]| b - a).collect();
     let mut at = 0_i64;
     let mut places = vec![0];
     for (i, dt) in intervals.iter().enumerate() {
         #[expect(clippy::cast_possible_truncation, reason = "a float that is too large becomes the largest integer")]
         let step = libm::round(usual_places * dt / usual(&intervals, i)) as i64;
+        // A wheel that stops turns by no known angle.
+        if step as f64 > longest {
+            let from = t_s.get(i).copied().unwrap_or(0.0);
+            return Err(format!("no edges from {from:.6} to {:.6} s after its begin: cut the record there", from + dt));
+        }
         at = at.saturating_add(step.max(1));
         places.push(at);
     }
@@ -198,7 +225,7 @@ fn edges(wheel: &WheelSpec, t_s: &[f64], level: &[f64]) -> Option<Edges> {
         edges_at.get_mut(on_wheel(*place)).into_iter().for_each(|count| *count += 1);
     }
     let tooth = |place: i64| has_tooth.get(on_wheel(place)).copied().unwrap_or(true);
-    // Edges on places without a tooth, if the first edge stood this many places after the first place.
+    // WheelEdges on places without a tooth, if the first edge stood this many places after the first place.
     let place_of = |missing: &usize| i64::try_from(missing - 1).unwrap_or(0);
     let at = |missing: &usize, turned: i64| edges_at.get(on_wheel(place_of(missing) - turned)).copied().unwrap_or(0);
     let misplaced = |turned: i64| wheel.missing.iter().map(|m| at(m, turned)).sum::<usize>();
@@ -207,7 +234,7 @@ fn edges(wheel: &WheelSpec, t_s: &[f64], level: &[f64]) -> Option<Edges> {
     let turned = counts.iter().position(|c| *c == least).and_then(|k| i64::try_from(k).ok()).unwrap_or(0);
     let is_open = !wheel.missing.is_empty() && counts.iter().filter(|c| **c == least).count() > 1;
     let (mut kept, mut extra_s) =
-        (Edges { t_s: Vec::new(), places: Vec::new(), extra_s: Vec::new(), missed: 0, is_open }, extra_s);
+        (WheelEdges { t_s: Vec::new(), places: Vec::new(), extra_s: Vec::new(), missed: 0, is_open }, extra_s);
     for (t, p) in t_s.into_iter().zip(&places) {
         let place = p.saturating_add(turned);
         if tooth(place) {
@@ -218,7 +245,7 @@ fn edges(wheel: &WheelSpec, t_s: &[f64], level: &[f64]) -> Option<Edges> {
         }
     }
     extra_s.sort_by(f64::total_cmp);
-    let (first, last) = (*kept.places.first()?, *kept.places.last()?);
+    let (Some(&first), Some(&last)) = (kept.places.first(), kept.places.last()) else { return Err(too_few()) };
     // A gap as long as the whole record is no row of teeth to walk along.
     let turns = (last - first) / n;
     let whole = turns.saturating_mul(n - i64::try_from(wheel.missing.len()).unwrap_or(0));
@@ -226,14 +253,33 @@ fn edges(wheel: &WheelSpec, t_s: &[f64], level: &[f64]) -> Option<Edges> {
     let expected = usize::try_from(whole).unwrap_or(0).saturating_add(rest);
     kept.missed = expected.saturating_sub(kept.t_s.len());
     kept.extra_s = extra_s;
-    (kept.t_s.len() >= FEWEST_EDGES).then_some(kept)
+    if kept.t_s.len() < FEWEST_EDGES { Err(too_few()) } else { Ok(kept) }
 }
 
-impl Edges {
+impl WheelEdges {
     /// Angles at the edges [rad].
     fn angles(&self, wheel: &WheelSpec) -> Vec<f64> {
         self.places.iter().map(|p| *p as f64 * 2.0 * PI / wheel.places as f64).collect()
     }
+}
+
+/// Whole turns by which the driving wheel must be counted on, so that a wheel that turns more slowly stands at the same angle to it in
+/// every record: a crank makes two turns for one of a cam, and its own wheel does not tell which of them it is in.
+fn turns_ahead((driving, on): &(&WheelSpec, WheelEdges), (compared, edges): &(&WheelSpec, WheelEdges)) -> i64 {
+    let (angles, others) = (edges.angles(compared), on.angles(driving));
+    let pairs = edges.t_s.iter().zip(&angles);
+    let both: Vec<(f64, f64)> = pairs.filter_map(|(t, a)| Some((*a, interpolated(&on.t_s, &others, *t)?))).collect();
+    let (Some(first), Some(last)) = (both.first(), both.last()) else { return 0 };
+    let measured = (last.1 - first.1) / (last.0 - first.0);
+    let ratio = 0.5 * libm::round(2.0 * measured);
+    if !(0.5..=100.0).contains(&ratio) || (measured - ratio).abs() > SAME_RATIO * ratio {
+        return 0;
+    }
+    // Its angle to the driving wheel in turns of that, which counting on lowers by whole turns: between -0.25 and 0.75.
+    let ahead = (first.0 * ratio - first.1) / (2.0 * PI);
+    #[expect(clippy::cast_possible_truncation, reason = "a float that is too large becomes the largest integer")]
+    let turns = libm::floor(ahead + 0.25) as i64;
+    turns
 }
 
 /// The value at `t` of the cubic through two known values with the slopes of parabolas through three; None outside of them.
@@ -302,7 +348,7 @@ pub(super) fn with_wheels(
         refuse(format!("records.{}.time_column", record.name), title, "every row is later than the one before it");
         return None;
     }
-    let mut found: Vec<(&WheelSpec, Edges)> = Vec::new();
+    let mut found: Vec<(&WheelSpec, WheelEdges)> = Vec::new();
     for wheel in used.iter().copied() {
         let at = format!("wheels.{}.column", wheel.name);
         let Some(level) =
@@ -314,20 +360,24 @@ pub(super) fn with_wheels(
             continue;
         };
         match edges(wheel, &t_s, level) {
-            Some(edges) => found.push((wheel, edges)),
-            None => {
-                let title =
-                    format!("wheel `{}` has fewer than {FEWEST_EDGES} edges in record `{}`", wheel.name, record.name);
+            Ok(edges) => found.push((wheel, edges)),
+            Err(why) => {
                 refuse(
                     at,
-                    title,
-                    "is it the column of the level, and the right edge (`edge = \"rising\"` or \"falling\")?",
+                    format!("wheel `{}` in record `{}`: {why}", wheel.name, record.name),
+                    "`pitchline identify --facts` shows what is read",
                 );
             }
         }
     }
     if found.is_empty() || !diags.is_empty() {
         return None;
+    }
+    let turned = found.iter().find(|(w, _)| drives(w)).zip(found.iter().find(|(w, _)| !drives(w)));
+    let turned = turned.map_or(0, |(driving, compared)| turns_ahead(driving, compared));
+    for (wheel, edges) in found.iter_mut().filter(|(w, _)| drives(w)) {
+        let places = i64::try_from(wheel.places).unwrap_or(1).saturating_mul(turned);
+        edges.places.iter_mut().for_each(|p| *p = p.saturating_add(places));
     }
     let mut rows: Vec<f64> = found.iter().flat_map(|(_, e)| e.t_s.iter().copied()).collect();
     rows.sort_by(f64::total_cmp);
@@ -357,7 +407,7 @@ pub(super) fn with_wheels(
 }
 
 /// What a user must know of the edges of a wheel.
-fn said(record: &str, wheel: &WheelSpec, edges: &Edges) -> Vec<String> {
+fn said(record: &str, wheel: &WheelSpec, edges: &WheelEdges) -> Vec<String> {
     let mut all = Vec::new();
     let mut say = |text: String| all.push(format!("record `{record}`, wheel `{}`: {text}", wheel.name));
     if !edges.extra_s.is_empty() {
@@ -382,16 +432,15 @@ fn said(record: &str, wheel: &WheelSpec, edges: &Edges) -> Vec<String> {
     all
 }
 
-fn facts(record: &RecordSpec, found: &[(&WheelSpec, Edges)]) -> Vec<WheelFacts> {
+fn facts(record: &RecordSpec, found: &[(&WheelSpec, WheelEdges)]) -> Vec<WheelFacts> {
     let reference = found.iter().max_by_key(|(_, e)| e.t_s.len());
-    let of = |(wheel, edges): &(&WheelSpec, Edges)| {
+    let of = |(wheel, edges): &(&WheelSpec, WheelEdges)| {
         let angles = edges.angles(wheel);
         let ends = |v: &[f64]| v.last().copied().unwrap_or(0.0) - v.first().copied().unwrap_or(0.0);
         let (turns, length_s) = (ends(&angles) / (2.0 * PI), ends(&edges.t_s));
         let mut speeds = vec![turns / length_s];
         let mut turn = angles.first().copied().unwrap_or(0.0) + 2.0 * PI;
         let mut before = edges.t_s.first().copied().unwrap_or(0.0);
-        // Turns without an edge, as in a pause, tell no speed.
         for _ in 0..edges.t_s.len() {
             let Some(t) = interpolated(&angles, &edges.t_s, turn) else { break };
             speeds.push(1.0 / (t - before));
@@ -462,7 +511,7 @@ fn speed_orders(t_s: &[f64], angles: &[f64]) -> Vec<SpeedOrder> {
 
 /// Standard deviation of an edge [rad]: second differences over whole turns of its angle less that of another wheel, which turns with it.
 /// They leave out what repeats with every turn.
-fn noise((wheel, edges): (&WheelSpec, &Edges), (other, on): (&WheelSpec, &Edges)) -> Option<f64> {
+fn noise((wheel, edges): (&WheelSpec, &WheelEdges), (other, on): (&WheelSpec, &WheelEdges)) -> Option<f64> {
     let (angles, others) = (edges.angles(wheel), on.angles(other));
     let pairs = edges.t_s.iter().zip(&angles).zip(&edges.places);
     let known: Vec<(i64, f64, f64)> =
@@ -483,7 +532,7 @@ fn noise((wheel, edges): (&WheelSpec, &Edges), (other, on): (&WheelSpec, &Edges)
 }
 
 /// Where edges stand on another wheel.
-fn stands_at(t_s: &[f64], wheel: &WheelSpec, edges: &Edges) -> Option<StandsAt> {
+fn stands_at(t_s: &[f64], wheel: &WheelSpec, edges: &WheelEdges) -> Option<StandsAt> {
     let angles = edges.angles(wheel);
     let at: Vec<f64> = t_s.iter().filter_map(|t| interpolated(&edges.t_s, &angles, *t)).collect();
     let mut steps: Vec<f64> = at.array_windows().map(|[a, b]| b - a).collect();
@@ -502,7 +551,7 @@ fn stands_at(t_s: &[f64], wheel: &WheelSpec, edges: &Edges) -> Option<StandsAt> 
     Some(StandsAt {
         wheel: wheel.name.clone(),
         turns_between,
-        angle_deg: (first + mean).rem_euclid(round) / DEG,
+        angle_deg: (first + mean).rem_euclid(2.0 * PI) / DEG,
         scatter_deg: libm::sqrt(squares / (n - 1.0)) / DEG,
         neighbour_correlation: pairs / squares.max(1e-300),
     })
@@ -530,7 +579,7 @@ impl std::fmt::Display for WheelFacts {
         if let Some(s) = &self.stands_at {
             write!(
                 f,
-                "\n    stands at {:.3} deg of {} (every {} turns), scatter {:.4} deg, correlation of neighbours {:.2}",
+                "\n    stands at {:.3} deg of {}, once in {} turns, scatter {:.4} deg, correlation of neighbours {:.2}",
                 s.angle_deg, s.wheel, s.turns_between, s.scatter_deg, s.neighbour_correlation
             )?;
         }
