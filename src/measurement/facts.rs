@@ -83,6 +83,12 @@ pub fn quantisation(values: &[f64]) -> f64 {
     if on_grid as f64 > 0.98 * sorted.len() as f64 && span / step < 1e5 { step } else { 0.0 }
 }
 
+/// Standard deviation of normal values of mean zero from the median of their squares, which a few large ones do not move: the median of
+/// the squares is 0.4549 times their mean.
+pub fn deviation_by_median(squares: &mut [f64]) -> f64 {
+    libm::sqrt(median(squares) / 0.4549)
+}
+
 /// Noise from fourth differences: median over blocks of their mean squares.
 pub fn noise(values: &[f64]) -> f64 {
     let squares: Vec<f64> = values
@@ -107,8 +113,7 @@ pub fn noise_at_times(points: &[(f64, f64)]) -> f64 {
         sum * sum / squares
     };
     let mut squares: Vec<f64> = points.array_windows().map(of).filter(|d| d.is_finite()).collect();
-    // Median of chi-squared with one degree of freedom: 0.4549.
-    libm::sqrt(median(&mut squares) / 0.4549)
+    deviation_by_median(&mut squares)
 }
 
 /// Initial stretch at rest, in which the value stays within a few steps: its length and mean.

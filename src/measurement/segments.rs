@@ -388,7 +388,7 @@ fn sampled_segment(
         let Some(raw) = column_of(measurement, record, columns, (from, to), what, diags) else { continue };
         check_values(measurement, record, c, raw, diags);
         let mut facts = facts::from_values(&record.name, &c.name, &c.unit, raw, c.noise);
-        if let Some(wheel) = measurement.wheels.iter().find(|w| w.column_name() == c.column) {
+        if let Some(wheel) = wheels::wheel_of(measurement, record, (&c.name, &c.column)) {
             // Teeth stand on a grid, and not at equal times.
             let points = times.iter().flatten().copied().zip(raw.iter().copied()).filter(|(_, v)| v.is_finite());
             facts.quantisation = 0.0;
@@ -435,7 +435,7 @@ fn sampled_segment(
     }
     let step_s = if clock.rate_hz > 0.0 { 1.0 / clock.rate_hz } else { 1.0 };
     let guess = first_guess(machine, &data.channels, &measured, step_s, record.at_rest);
-    let start = start_of_wheels(measurement, machine, (&t_s, &inputs), &guess);
+    let start = start_of_wheels(measurement, machine, record, (&t_s, &inputs), &guess);
     if record.judge_from_row.is_some_and(|row| row > to) {
         let title = format!("record `{}` has no row beyond {to}", record.name);
         let help = "`judge_from_row` is the first row that judges";
@@ -479,7 +479,7 @@ fn check_values(
         let help = "no sensor reads that: leave the field empty where a sample is lost";
         diags.push(measurement.places.error(&at, title, Some(help.into())));
     }
-    let of_wheel = measurement.wheels.iter().any(|w| w.column_name() == channel.column);
+    let of_wheel = wheels::wheel_of(measurement, record, (&channel.name, &channel.column)).is_some();
     if of_wheel && known.len() < FEWEST_EDGES {
         let title = format!("channel `{}` has {} edges in record `{}`", channel.name, known.len(), record.name);
         diags.push(measurement.places.error(&at, title, Some(format!("at least {FEWEST_EDGES} are needed"))));
@@ -566,6 +566,7 @@ fn tie_others(machine: &Machine, start: &mut InitialState, known: &mut [bool]) {
 fn start_of_wheels(
     measurement: &Measurement,
     machine: &Machine,
+    record: &RecordSpec,
     (t_s, inputs): (&[f64], &[Vec<f64>]),
     guess: &InitialState,
 ) -> InitialState {
@@ -573,7 +574,7 @@ fn start_of_wheels(
     let mut known = vec![false; guess.q.len()];
     for (input, series) in machine.inputs.iter().zip(inputs) {
         let spec = measurement.inputs.iter().find(|i| i.input == input.path);
-        let is_wheel = spec.is_some_and(|i| measurement.wheels.iter().any(|w| w.column_name() == i.column));
+        let is_wheel = spec.is_some_and(|i| wheels::wheel_of(measurement, record, (&i.name, &i.column)).is_some());
         if let ([first, second, ..], [from, to, ..], true) = (series.as_slice(), t_s, is_wheel)
             && let (Some(q), Some(v), Some(known)) =
                 (start.q.get_mut(input.body), start.v.get_mut(input.body), known.get_mut(input.body))
@@ -657,8 +658,7 @@ fn set_noise(data: &mut Data, measurement: &Measurement) {
                 }
             }
         }
-        // Median of chi-squared with one degree of freedom: 0.4549.
-        channel.noise = libm::sqrt(facts::median(&mut squares) / 0.4549);
+        channel.noise = facts::deviation_by_median(&mut squares);
         let mean_interval =
             series().flatten().filter(|v| v.is_finite()).fold((0.0, 0.0_f64), |(a, n), v| (a + libm::exp(*v), n + 1.0));
         let step = facts::median(&mut steps) / (mean_interval.0 / mean_interval.1.max(1.0));

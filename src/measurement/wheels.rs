@@ -5,7 +5,7 @@
 //! are left out, teeth without an edge are counted through, and both are told.
 
 use super::columns::Columns;
-use super::facts::median;
+use super::facts::{deviation_by_median, median};
 use super::units::unit;
 use super::{Measurement, RecordSpec};
 use crate::diag::Diag;
@@ -303,17 +303,27 @@ fn interpolated(x: &[f64], y: &[f64], t: f64) -> Option<f64> {
     Some(ya + s * (yb - ya) + bend * ((ma - rise) * (1.0 - s) - (mb - rise) * s))
 }
 
-/// Whether a channel or an input names a wheel as its column.
-fn names(record: &RecordSpec, name: &str, column: &str, wheel: &WheelSpec) -> bool {
+/// The wheel that a channel or an input names as its column in a record.
+pub(super) fn wheel_of<'a>(
+    measurement: &'a Measurement,
+    record: &RecordSpec,
+    (name, column): (&str, &str),
+) -> Option<&'a WheelSpec> {
     let own = record.columns.iter().find(|(n, _)| n == name).map(|(_, c)| c.as_str());
-    own.unwrap_or(column) == wheel.column_name()
+    measurement.wheels.iter().find(|w| own.unwrap_or(column) == w.column_name())
+}
+
+/// Whether a wheel drives the model in a record.
+fn drives(measurement: &Measurement, record: &RecordSpec, wheel: &WheelSpec) -> bool {
+    let mut of_inputs = measurement.inputs.iter().map(|i| wheel_of(measurement, record, (&i.name, &i.column)));
+    of_inputs.any(|w| w == Some(wheel))
 }
 
 /// Wheels that a record needs.
 pub(super) fn used<'a>(measurement: &'a Measurement, record: &RecordSpec) -> Vec<&'a WheelSpec> {
-    let drives = |w: &WheelSpec| measurement.inputs.iter().any(|i| names(record, &i.name, &i.column, w));
-    let is_compared = |w: &WheelSpec| measurement.channels.iter().any(|c| names(record, &c.name, &c.column, w));
-    measurement.wheels.iter().filter(|w| drives(w) || is_compared(w)).collect()
+    let mut of_channels = measurement.channels.iter().map(|c| wheel_of(measurement, record, (&c.name, &c.column)));
+    let compared: Vec<&WheelSpec> = of_channels.by_ref().flatten().collect();
+    measurement.wheels.iter().filter(|w| compared.contains(w) || drives(measurement, record, w)).collect()
 }
 
 /// Replaces the rows of a file by the edges of the wheels that the measurement uses, with a column for the angle of each [deg]. A wheel
@@ -325,7 +335,6 @@ pub(super) fn with_wheels(
     (columns, used): (&Columns, &[&WheelSpec]),
     diags: &mut Vec<Diag>,
 ) -> Option<(Columns, Vec<WheelFacts>, Vec<String>)> {
-    let drives = |w: &WheelSpec| measurement.inputs.iter().any(|i| names(record, &i.name, &i.column, w));
     let mut refuse =
         |at: String, title: String, help: &str| diags.push(measurement.places.error(&at, title, Some(help.into())));
     let Some((time_name, time_unit)) = &record.time else {
@@ -348,6 +357,36 @@ pub(super) fn with_wheels(
         refuse(format!("records.{}.time_column", record.name), title, "every row is later than the one before it");
         return None;
     }
+    let mut found = edges_of_all(measurement, record, (columns, used), &t_s, diags);
+    if found.is_empty() || !diags.is_empty() {
+        return None;
+    }
+    let warnings = found.iter().flat_map(|(w, e)| said(&record.name, w, e)).collect();
+    let facts = facts(record, &found);
+    count_from_one_angle(measurement, record, &mut found);
+    let (names, values) = rows_of_edges(measurement, record, &found);
+    let mut replaced = Columns::from_numbers(
+        [vec![time_name.clone()], names].concat(),
+        values
+            .into_iter()
+            .enumerate()
+            .map(|(i, v)| if i == 0 { v.iter().map(|t| t / factor).collect() } else { v })
+            .collect(),
+    );
+    replaced.units = replaced.names.iter().map(|n| n.starts_with("wheels.").then(|| "deg".to_string())).collect();
+    Some((replaced, facts, warnings))
+}
+
+/// Edges of the wheels that a record needs; what is wrong with them goes to `diags`.
+fn edges_of_all<'a>(
+    measurement: &Measurement,
+    record: &RecordSpec,
+    (columns, used): (&Columns, &[&'a WheelSpec]),
+    t_s: &[f64],
+    diags: &mut Vec<Diag>,
+) -> Vec<(&'a WheelSpec, WheelEdges)> {
+    let mut refuse =
+        |at: String, title: String, help: &str| diags.push(measurement.places.error(&at, title, Some(help.into())));
     let mut found: Vec<(&WheelSpec, WheelEdges)> = Vec::new();
     for wheel in used.iter().copied() {
         let at = format!("wheels.{}.column", wheel.name);
@@ -359,7 +398,7 @@ pub(super) fn with_wheels(
             refuse(at, title, &format!("columns there: {}", shown.join(", ")));
             continue;
         };
-        match edges(wheel, &t_s, level) {
+        match edges(wheel, t_s, level) {
             Ok(edges) => found.push((wheel, edges)),
             Err(why) => {
                 refuse(
@@ -370,40 +409,44 @@ pub(super) fn with_wheels(
             }
         }
     }
-    if found.is_empty() || !diags.is_empty() {
-        return None;
-    }
-    let turned = found.iter().find(|(w, _)| drives(w)).zip(found.iter().find(|(w, _)| !drives(w)));
+    found
+}
+
+/// Counts driving wheels on by whole turns, so that others stand at the same angle to them in every record.
+fn count_from_one_angle(measurement: &Measurement, record: &RecordSpec, found: &mut [(&WheelSpec, WheelEdges)]) {
+    let is_driving = |w: &WheelSpec| drives(measurement, record, w);
+    let driving = found.iter().find(|(w, _)| is_driving(w));
+    let turned = driving.zip(found.iter().find(|(w, _)| !is_driving(w)));
     let turned = turned.map_or(0, |(driving, compared)| turns_ahead(driving, compared));
-    for (wheel, edges) in found.iter_mut().filter(|(w, _)| drives(w)) {
+    for (wheel, edges) in found.iter_mut().filter(|(w, _)| is_driving(w)) {
         let places = i64::try_from(wheel.places).unwrap_or(1).saturating_mul(turned);
         edges.places.iter_mut().for_each(|p| *p = p.saturating_add(places));
     }
+}
+
+/// The times of all edges [s], and the angle of every wheel at them [deg]; names of the angles.
+fn rows_of_edges(
+    measurement: &Measurement,
+    record: &RecordSpec,
+    found: &[(&WheelSpec, WheelEdges)],
+) -> (Vec<String>, Vec<Vec<f64>>) {
     let mut rows: Vec<f64> = found.iter().flat_map(|(_, e)| e.t_s.iter().copied()).collect();
     rows.sort_by(f64::total_cmp);
     rows.dedup();
     // The model needs what drives it from the first row to the last.
-    let driving = || found.iter().filter(|(w, _)| drives(w));
+    let driving = || found.iter().filter(|(w, _)| drives(measurement, record, w));
     let from = driving().filter_map(|(_, e)| e.t_s.first().copied()).fold(f64::MIN, f64::max);
     let to = driving().filter_map(|(_, e)| e.t_s.last().copied()).fold(f64::MAX, f64::min);
     rows.retain(|t| (from..=to).contains(t));
-    let (mut columns_there, mut values) =
-        (vec![time_name.clone()], vec![rows.iter().map(|t| t / factor).collect::<Vec<f64>>()]);
-    for (wheel, edges) in &found {
+    let angles_of = |(wheel, edges): &(&WheelSpec, WheelEdges)| -> Vec<f64> {
         let angles: Vec<f64> = edges.angles(wheel).iter().map(|a| a / DEG).collect();
+        let is_driving = drives(measurement, record, wheel);
         let own = |t: &f64| edges.t_s.binary_search_by(|x| x.total_cmp(t)).ok().and_then(|k| angles.get(k).copied());
-        let value = |t: &f64| match own(t) {
-            None if drives(wheel) => interpolated(&edges.t_s, &angles, *t).unwrap_or(f64::NAN),
-            own => own.unwrap_or(f64::NAN),
-        };
-        columns_there.push(wheel.column_name());
-        values.push(rows.iter().map(value).collect());
-    }
-    let warnings = found.iter().flat_map(|(w, e)| said(&record.name, w, e)).collect();
-    let facts = facts(record, &found);
-    let mut replaced = Columns::from_numbers(columns_there, values);
-    replaced.units = replaced.names.iter().map(|n| n.starts_with("wheels.").then(|| "deg".to_string())).collect();
-    Some((replaced, facts, warnings))
+        let between = |t: &f64| interpolated(&edges.t_s, &angles, *t).filter(|_| is_driving);
+        rows.iter().map(|t| own(t).or_else(|| between(t)).unwrap_or(f64::NAN)).collect()
+    };
+    let angles: Vec<Vec<f64>> = found.iter().map(angles_of).collect();
+    (found.iter().map(|(w, _)| w.column_name()).collect(), [vec![rows.clone()], angles].concat())
 }
 
 /// What a user must know of the edges of a wheel.
@@ -526,9 +569,9 @@ fn noise((wheel, edges): (&WheelSpec, &WheelEdges), (other, on): (&WheelSpec, &W
     let second = |(place, ..): &(i64, f64, f64)| {
         Some(at(*place)? - 2.0 * at(place.saturating_add(turn))? + at(place.saturating_add(2 * turn))?)
     };
-    // Of second differences: 6 times the variance of one edge. Median of chi-squared with one degree of freedom: 0.4549.
+    // A second difference of independent errors has six times the variance of one error.
     let mut squares: Vec<f64> = known.iter().filter_map(second).map(|d| d * d / 6.0).collect();
-    (squares.len() >= FEWEST_EDGES).then(|| libm::sqrt(median(&mut squares) / 0.4549))
+    (squares.len() >= FEWEST_EDGES).then(|| deviation_by_median(&mut squares))
 }
 
 /// Where edges stand on another wheel.
