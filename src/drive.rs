@@ -8,7 +8,7 @@ pub mod bearings;
 pub mod chains;
 mod check;
 mod contacts;
-mod document;
+pub(crate) mod document;
 mod effects;
 mod guides;
 pub mod mechanism;

@@ -75,6 +75,8 @@ pub mod output;
 #[doc(hidden)]
 pub mod pairs;
 #[doc(hidden)]
+pub mod random;
+#[doc(hidden)]
 pub mod render;
 #[doc(hidden)]
 pub mod replay;
@@ -86,5 +88,7 @@ pub mod state;
 pub mod statics;
 #[doc(hidden)]
 pub mod statistics;
+#[doc(hidden)]
+pub mod study;
 #[doc(hidden)]
 pub mod units;

@@ -8,6 +8,7 @@ pub mod png;
 pub mod silent;
 pub mod snapshot;
 pub mod spectrum;
+pub mod study;
 
 use crate::geometry::profile::{Element, Profile, ProfileError};
 use crate::geometry::smartchain::{Abutment, LobedRing};

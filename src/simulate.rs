@@ -17,6 +17,7 @@ use crate::integrate::explicit::{self, RequiredData, Scratch};
 use crate::model::Model;
 use crate::recording::Sink;
 use crate::recording::capture::Camera;
+use crate::recording::columns::ColumnKind;
 use crate::recording::frame::{Energy, Event, Feature, Frame, Header, Impact, Keyframe, Segment};
 use crate::state::State;
 use std::collections::VecDeque;
@@ -478,6 +479,26 @@ impl Recorder<'_, '_> {
         }
         Ok(())
     }
+}
+
+/// Energies of a run as JSON has them; stored: at its first and at its last frame [J].
+#[doc(hidden)]
+pub fn energy_json(e: &Energy, [stored_first_j, stored_last_j]: [f64; 2]) -> serde_json::Value {
+    let put_in_j = e.put_in_j();
+    let error_fraction = if put_in_j.abs() > 0.0 { e.error_j / put_in_j } else { 0.0 };
+    serde_json::json!({
+        "work_in_j": put_in_j,
+        "work_out_j": e.work_out_j,
+        "dissipated_j": e.lost_j(),
+        "stored_change_j": stored_last_j - stored_first_j,
+        "error_j": e.error_j,
+        "error_fraction": error_fraction,
+        "dissipated_by": e
+            .accounts()
+            .filter(|(account, _)| account.kind == ColumnKind::Lost)
+            .map(|(account, value)| (account.name.trim_start_matches("lost_").into(), value.into()))
+            .collect::<serde_json::Map<_, _>>(),
+    })
 }
 
 /// A first contact as an event.

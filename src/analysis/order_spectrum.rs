@@ -13,7 +13,7 @@
 
 use super::signal::Signal;
 use crate::diag::last_name;
-use crate::recording::frame::Header;
+use crate::recording::frame::{Frame, Header};
 use crate::recording::reader::{Entry, Flow, Reader, WHOLE, Wanted};
 use crate::statistics::median;
 use std::collections::BTreeMap;
@@ -122,51 +122,89 @@ pub enum SpectrumError {
 /// Reads a signal of a recording.
 pub fn read(reader: &mut Reader, signal: &Signal) -> anyhow::Result<AngleRecord> {
     let header = reader.header().clone();
-    let mut record = AngleRecord::default();
-    let (mut times, mut first, mut last, mut before_last) = ((0.0, 0.0), Vec::new(), Vec::new(), Vec::new());
-    let mut frame_times = Vec::new();
-    let mut bodies_of: BTreeMap<usize, usize> = BTreeMap::new();
-    let chain_of = chains(&header);
+    let mut recorder = AngleRecorder::new(signal.clone(), &header);
     reader.each(Wanted { frames: true, ..Wanted::default() }, WHOLE, |entry| {
-        let Entry::Frame(frame) = entry else { return Ok(Flow::On) };
-        if first.is_empty() {
-            (first, times.0) = (frame.rotors.angle_rad.clone(), frame.t_s);
-        }
-        std::mem::swap(&mut last, &mut before_last);
-        last.clone_from(&frame.rotors.angle_rad);
-        times.1 = frame.t_s;
-        frame_times.push(frame.t_s);
-        for (link, body) in frame.contacts.link.iter().zip(&frame.contacts.body) {
-            bodies_of.entry(*body as usize).or_insert_with(|| chain_of.get(*link as usize).map_or(0, |c| c.0));
-        }
-        if let Some(value) = signal.value(frame, &header).filter(|v| v.is_finite()) {
-            record.turns.push(frame.crank_angle_rad / (2.0 * PI));
-            record.values.push(value);
-            record.times_s.push(frame.t_s);
+        if let Entry::Frame(frame) = entry {
+            recorder.add(frame, &header);
         }
         Ok(Flow::On)
     })?;
-    // The last frame of a run may come early; cubics about it would smear what even frames hold.
-    if let [.., a, b, c] = frame_times.as_slice()
-        && (c - b) < 0.99 * (b - a)
-        && record.turns.len() == frame_times.len()
-    {
-        times.1 = *b;
-        last = before_last;
-        record.turns.pop();
-        record.values.pop();
-        record.times_s.pop();
+    Ok(recorder.finish(&header))
+}
+
+/// Collects a signal over the angle of the driver, frame by frame.
+pub struct AngleRecorder {
+    signal: Signal,
+    record: AngleRecord,
+    frame_times_s: Vec<f64>,
+    /// Angles of what turns in the first, the last, and the last but one frame.
+    first: Vec<f64>,
+    last: Vec<f64>,
+    before_last: Vec<f64>,
+    /// Chain that touches a body.
+    bodies_of: BTreeMap<usize, usize>,
+    chain_of: Vec<(usize, usize)>,
+}
+
+impl AngleRecorder {
+    pub fn new(signal: Signal, header: &Header) -> AngleRecorder {
+        AngleRecorder {
+            signal,
+            record: AngleRecord::default(),
+            frame_times_s: Vec::new(),
+            first: Vec::new(),
+            last: Vec::new(),
+            before_last: Vec::new(),
+            bodies_of: BTreeMap::new(),
+            chain_of: chains(header),
+        }
     }
-    let n = record.turns.len();
-    let whole = record.turns.last().copied().unwrap_or(0.0) - record.turns.first().copied().unwrap_or(0.0);
-    let time_s = (times.1 - times.0).max(1e-12);
-    (record.turns_per_s, record.interval_s) = (whole.abs() / time_s, time_s / n.saturating_sub(1).max(1) as f64);
-    let turned: Vec<f64> = first.iter().zip(&last).map(|(a, b)| (b - a) / (2.0 * PI * whole)).collect();
-    let driver = turned.iter().enumerate().min_by(|a, b| (a.1 - 1.0).abs().total_cmp(&(b.1 - 1.0).abs()));
-    record.driver =
-        driver.and_then(|(k, _)| header.coordinates.get(k)).map_or(String::new(), |p| last_name(p).to_string());
-    record.bases = bases(&header, &turned, &bodies_of, &chain_of);
-    Ok(record)
+
+    /// Adds a frame.
+    pub fn add(&mut self, frame: &Frame, header: &Header) {
+        if self.first.is_empty() {
+            self.first = frame.rotors.angle_rad.clone();
+        }
+        std::mem::swap(&mut self.last, &mut self.before_last);
+        self.last.clone_from(&frame.rotors.angle_rad);
+        self.frame_times_s.push(frame.t_s);
+        for (link, body) in frame.contacts.link.iter().zip(&frame.contacts.body) {
+            let chain = self.chain_of.get(*link as usize).map_or(0, |c| c.0);
+            self.bodies_of.entry(*body as usize).or_insert(chain);
+        }
+        if let Some(value) = self.signal.value(frame, header).filter(|v| v.is_finite()) {
+            self.record.turns.push(frame.crank_angle_rad / (2.0 * PI));
+            self.record.values.push(value);
+            self.record.times_s.push(frame.t_s);
+        }
+    }
+
+    /// What was collected, with what comes back in this drive.
+    pub fn finish(self, header: &Header) -> AngleRecord {
+        let AngleRecorder { mut record, frame_times_s, first, mut last, before_last, bodies_of, chain_of, .. } = self;
+        let mut to_s = frame_times_s.last().copied().unwrap_or(0.0);
+        // The last frame of a run may come early; cubics about it would smear what even frames hold.
+        if let [.., a, b, c] = frame_times_s.as_slice()
+            && (c - b) < 0.99 * (b - a)
+            && record.turns.len() == frame_times_s.len()
+        {
+            to_s = *b;
+            last = before_last;
+            record.turns.pop();
+            record.values.pop();
+            record.times_s.pop();
+        }
+        let n = record.turns.len();
+        let whole = record.turns.last().copied().unwrap_or(0.0) - record.turns.first().copied().unwrap_or(0.0);
+        let time_s = (to_s - frame_times_s.first().copied().unwrap_or(0.0)).max(1e-12);
+        (record.turns_per_s, record.interval_s) = (whole.abs() / time_s, time_s / n.saturating_sub(1).max(1) as f64);
+        let turned: Vec<f64> = first.iter().zip(&last).map(|(a, b)| (b - a) / (2.0 * PI * whole)).collect();
+        let driver = turned.iter().enumerate().min_by(|a, b| (a.1 - 1.0).abs().total_cmp(&(b.1 - 1.0).abs()));
+        record.driver =
+            driver.and_then(|(k, _)| header.coordinates.get(k)).map_or(String::new(), |p| last_name(p).to_string());
+        record.bases = bases(header, &turned, &bodies_of, &chain_of);
+        record
+    }
 }
 
 /// Chain of every link, and its number of links.

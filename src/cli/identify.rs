@@ -76,7 +76,7 @@ fn budget(text: &str) -> Result<Budget, String> {
 /// Largest measurement or drive file [bytes].
 const LARGEST: u64 = 1 << 20;
 
-fn read_text(path: &Path, what: &str) -> Result<String, Failure> {
+pub(super) fn read_text(path: &Path, what: &str) -> Result<String, Failure> {
     let shown = path.display();
     let cannot = |e: std::io::Error| Failure::Input(format!("cannot read {what} `{shown}`: {e}"));
     let metadata = std::fs::metadata(path).map_err(cannot)?;

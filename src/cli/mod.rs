@@ -27,6 +27,7 @@ mod replay;
 mod run;
 mod snapshot;
 mod spectrum;
+mod study;
 mod tune;
 mod view;
 #[cfg(feature = "web")]
@@ -68,6 +69,7 @@ fn verbs() -> Vec<Verb> {
             "Optimise the free parameters of an abutment chain's drive, and print the margin to every bound",
             tune::run,
         ),
+        verb("study", "Run a drive for many values of its numbers: tolerances, sweeps, sensitivities", study::run),
         verb("impacts", "List every impact of a recording, and what stands out among them", impacts::run),
         verb("audit", "Measure every part from the frames of a recording, and say what stands out", audit::run),
         verb("spectrum", "Show the orders of a quantity of a recording, and what turns with them", spectrum::run),

@@ -9,11 +9,10 @@ use crate::impacts::ImpactWatch;
 use crate::integrate::explicit::Scratch;
 use crate::model::Model;
 use crate::recording::capture::Camera;
-use crate::recording::columns::ColumnKind;
 use crate::recording::frame::{Energy, Header, Parent};
 use crate::recording::{Output, Sink, ViewOptions, capture, create, extensions};
 use crate::replay::{Replay, drive_of, resting};
-use crate::simulate::{Breaks, DenseWindow, Ending, Job, RunLength, Summary, hit_text, run_job};
+use crate::simulate::{Breaks, DenseWindow, Ending, Job, RunLength, Summary, energy_json, hit_text, run_job};
 use crate::state::State;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::Write as _;
@@ -470,8 +469,6 @@ fn json(
     scratch: &Scratch,
 ) -> serde_json::Value {
     let e = &summary.energy;
-    let put_in_j = e.put_in_j();
-    let error_fraction = if put_in_j.abs() > 0.0 { e.error_j / put_in_j } else { 0.0 };
     serde_json::json!({
         "drive": drive.name,
         "simulated_s": summary.steps as f64 * header.step_s,
@@ -494,19 +491,7 @@ fn json(
         "vector_unit": scratch.isa,
         "state_hash": format!("{:016x}", summary.state_hash),
         "outputs": outputs.iter().map(|o| serde_json::json!({ "path": o.path, "bytes": o.bytes })).collect::<Vec<_>>(),
-        "energy": {
-            "work_in_j": put_in_j,
-            "work_out_j": e.work_out_j,
-            "dissipated_j": e.lost_j(),
-            "stored_change_j": summary.stored_last_j - summary.stored_first_j,
-            "error_j": e.error_j,
-            "error_fraction": error_fraction,
-            "dissipated_by": e
-                .accounts()
-                .filter(|(account, _)| account.kind == ColumnKind::Lost)
-                .map(|(account, value)| (account.name.trim_start_matches("lost_").into(), value.into()))
-                .collect::<serde_json::Map<_, _>>(),
-        },
+        "energy": energy_json(e, [summary.stored_first_j, summary.stored_last_j]),
         "assembly": report,
     })
 }

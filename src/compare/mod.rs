@@ -23,6 +23,7 @@ use crate::pairs::contour_body::LinkContour;
 use crate::recording::capture::{self, Camera};
 use crate::recording::frame::{BodyInfo, Event, Feature, Frame, Header, Impact, RISE_FROM_SHARE};
 use crate::simulate::{RunLength, SLOWEST_EVENT_M_S, touch_event};
+use crate::state::State;
 use crate::statistics::median;
 use spectrum::{Spectrum, SpeedLog};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -170,9 +171,7 @@ impl std::error::Error for CompareError {}
 
 /// Assembles and runs all drives, each on its own thread, at the smallest of their steps.
 pub fn run(drives: &[Drive], plan: Plan, stop: &AtomicBool) -> Result<Vec<Run>, CompareError> {
-    let is_driving = |d: &Drive, chain: usize| d.sprockets_of(chain).contains(&d.driver());
-    let is_without = |d: &Drive| (0..d.chains()).any(|c| is_driving(d, c) && d.fidelity_of(c) == ChainFidelity::Spans);
-    if let Some(drive) = drives.iter().find(|d| is_without(d)) {
+    if let Some(drive) = drives.iter().find(|d| !has_links_on_its_driver(d)) {
         return Err(CompareError::NoLinks { drive: drive.name.clone() });
     }
     let assembled = in_parallel(drives.iter().collect(), |drive: &Drive| {
@@ -199,34 +198,90 @@ fn in_parallel<J: Send, R: Send>(
     })
 }
 
+/// What a comparison observes of one drive: passes over its driver, impacts, the speed of what turns freely.
+pub struct DriverWatch {
+    passes: EngagementWatch,
+    struck: ImpactWatch,
+    /// Impacts that are over, in the order in which they end.
+    pub impacts: Vec<Impact>,
+    speeds: SpeedLog,
+    free: Option<usize>,
+}
+
+impl DriverWatch {
+    pub fn new(model: &Model) -> DriverWatch {
+        DriverWatch {
+            passes: EngagementWatch::new(model, model.driver),
+            struck: ImpactWatch::new(model),
+            impacts: Vec::new(),
+            speeds: SpeedLog::default(),
+            free: model.sprockets.iter().position(|s| model.coordinates[s.coordinate].is_free()),
+        }
+    }
+
+    /// Observes an evaluated step; returns the impacts that begin there.
+    pub fn observe(&mut self, model: &Model, state: &State, scratch: &Scratch) -> Vec<Impact> {
+        self.passes.observe(model, state, scratch);
+        self.struck.observe(model, state, scratch);
+        self.impacts.extend(self.struck.take_done());
+        if let Some(k) = self.free {
+            self.speeds.add(state.coordinates.angle[model.driver].abs(), state.coordinates.omega[k]);
+        }
+        self.struck.take_touched()
+    }
+
+    /// The results, once the last step was observed; `header` names the bodies.
+    ///
+    /// # Errors
+    /// No link passed the driver.
+    pub fn finish(&mut self, drive: &Drive, model: &Model, header: &Header) -> Result<Watched, CompareError> {
+        self.impacts.extend(self.struck.finish());
+        if self.passes.done.is_empty() {
+            return Err(CompareError::NothingSeen { drive: drive.name.clone() });
+        }
+        let teeth = f64::from(model.sprockets[model.driver].geometry.teeth());
+        let spectrum = self.speeds.spectrum(3.25 * teeth);
+        let mut summary = summarise(drive, model, &self.passes);
+        summary.touches = touches(&self.impacts, header, 2.0 * self.passes.period_s());
+        summary.driven_speed_half_order = spectrum.as_ref().and_then(|s| s.at(0.5 * teeth));
+        summary.driven_speed_tooth_order = spectrum.as_ref().and_then(|s| s.at(teeth));
+        Ok(Watched { summary, spectrum, passes: std::mem::take(&mut self.passes.done) })
+    }
+}
+
+/// What [`DriverWatch::finish`] gives.
+pub struct Watched {
+    pub summary: DriveSummary,
+    /// See [`Run::spectrum`].
+    pub spectrum: Option<Spectrum>,
+    pub passes: Vec<Pass>,
+}
+
+/// Whether links pass the driver of a drive: a chain of spans has none.
+pub fn has_links_on_its_driver(drive: &Drive) -> bool {
+    let is_driving = |chain: &usize| drive.sprockets_of(*chain).contains(&drive.driver());
+    (0..drive.chains()).filter(is_driving).all(|chain| drive.fidelity_of(chain) == ChainFidelity::Links)
+}
+
 fn run_one(drive: &Drive, assembly: Assembly, plan: Plan, stop: &AtomicBool) -> Result<Run, CompareError> {
     let Assembly { model, mut state, report } = assembly;
     let mut scratch = Scratch::new(&model);
-    let mut watch = EngagementWatch::new(&model, model.driver);
+    let mut watch = DriverWatch::new(&model);
     let span = RunLength::new(plan.duration_s, plan.every_s, model.step_s);
     let header = capture::header(drive, &model, &report, span.steps_per_frame);
     let recorded = (plan.recorded_s / model.step_s) as u64;
     let (mut frames, mut events) = (Vec::new(), Vec::new());
     let mut camera = Camera::default();
-    let free = model.sprockets.iter().position(|s| model.coordinates[s.coordinate].is_free());
-    let mut speeds = SpeedLog::default();
-    let (mut struck, mut impacts) = (ImpactWatch::new(&model), Vec::new());
     for step in 0..=span.steps {
         if stop.load(Ordering::Relaxed) {
             return Err(CompareError::Interrupted);
         }
         explicit::evaluate(&model, &state, &mut scratch)
             .map_err(|error| CompareError::Step { drive: drive.name.clone(), error })?;
-        watch.observe(&model, &state, &scratch);
-        struck.observe(&model, &state, &scratch);
-        impacts.extend(struck.take_done());
-        let touched = struck.take_touched();
+        let touched = watch.observe(&model, &state, &scratch);
         if step <= recorded {
             let told = touched.iter().filter(|i| i.approach_speed_m_s > SLOWEST_EVENT_M_S);
             events.extend(told.map(|i| touch_event(i, &header)));
-        }
-        if let Some(k) = free {
-            speeds.add(state.coordinates.angle[model.driver].abs(), state.coordinates.omega[k]);
         }
         if step <= recorded && step.is_multiple_of(span.steps_per_frame) {
             let frame = camera.take(&model, &state, &scratch);
@@ -234,19 +289,11 @@ fn run_one(drive: &Drive, assembly: Assembly, plan: Plan, stop: &AtomicBool) -> 
         }
         explicit::advance(&model, &mut state, &mut scratch);
     }
-    impacts.extend(struck.finish());
-    if watch.done.is_empty() {
-        return Err(CompareError::NothingSeen { drive: drive.name.clone() });
-    }
-    let teeth = f64::from(model.sprockets[model.driver].geometry.teeth());
-    let spectrum = speeds.spectrum(3.25 * teeth);
-    let mut summary = summarise(drive, &model, &watch);
-    summary.touches = touches(&impacts, &header, 2.0 * watch.period_s());
+    let Watched { summary, spectrum, passes } = watch.finish(drive, &model, &header)?;
+    let mut impacts = watch.impacts;
     impacts.retain(|i| i.step <= recorded);
-    summary.driven_speed_half_order = spectrum.as_ref().and_then(|s| s.at(0.5 * teeth));
-    summary.driven_speed_tooth_order = spectrum.as_ref().and_then(|s| s.at(teeth));
     let (name, title) = (drive.name.clone(), drive.title.clone());
-    Ok(Run { name, title, header, frames, events, impacts, passes: watch.done, summary, spectrum })
+    Ok(Run { name, title, header, frames, events, impacts, passes, summary, spectrum })
 }
 
 fn summarise(drive: &Drive, model: &Model, watch: &EngagementWatch) -> DriveSummary {

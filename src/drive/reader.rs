@@ -460,6 +460,24 @@ impl<'a> TomlTable<'a> {
         Some(texts)
     }
 
+    /// A list of numbers, texts, and true or false.
+    pub fn scalars(&self, key: &str) -> Option<Vec<DocumentValue>> {
+        let (value, place) = self.value(key)?;
+        let DocumentValue::List(items) = value else {
+            self.wrong_type(key, value, "a list", place);
+            return None;
+        };
+        let is_scalar = |v: &DocumentValue| {
+            v.number().is_some_and(f64::is_finite) || matches!(v, DocumentValue::Text(_) | DocumentValue::Flag(_))
+        };
+        if let Some(wrong) = items.iter().find(|item| !is_scalar(&item.value)) {
+            let place = Place { source: place.source, span: wrong.span.clone() };
+            self.wrong_type(key, &wrong.value, "a list of numbers, texts, true or false", place);
+            return None;
+        }
+        Some(items.iter().map(|item| item.value.clone()).collect())
+    }
+
     /// The table `key`, present or not.
     pub fn table(&self, key: &str) -> TomlTable<'a> {
         let path = self.join(key);

@@ -9,6 +9,7 @@ use crate::aligned::AlignedColumn;
 use crate::elements::link_joint::LinkJoint;
 use crate::geometry::chain::{LinkShape, RollerShape};
 use crate::lanes::LANES;
+use crate::random::SplitMix;
 use std::ops::Range;
 
 /// All chains: one value per lane, padded.
@@ -381,19 +382,5 @@ impl ChainModel {
         if let Some(l) = self.loops.iter().find(|l| l.start == i) {
             self.inverse_inertia[l.end] = 0.0;
         }
-    }
-}
-
-/// SplitMix64 (Steele, Lea and Flood 2014): the same numbers everywhere from one seed.
-struct SplitMix(u64);
-
-impl SplitMix {
-    /// In 0 .. 1.
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
     }
 }
