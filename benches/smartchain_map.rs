@@ -3,9 +3,9 @@
 //!
 //! cargo bench --bench smartchain_map
 
-use pitchline::compare::tune::margins;
 use pitchline::compare::{DriveSummary, Plan, run};
 use pitchline::drive::{BUNDLED, Drive};
+use pitchline::engagement::ContactKind;
 use std::sync::atomic::AtomicBool;
 
 /// Simulated after assembling, in tooth periods of the driver.
@@ -18,6 +18,23 @@ fn measure(name: &str, sets: &[String]) -> Result<DriveSummary, String> {
     let plan = Plan { duration_s, recorded_s: 0.0, every_s: 1e-3 };
     let mut runs = run(&[drive], plan, &AtomicBool::new(false)).map_err(|e| e.to_string())?;
     Ok(runs.remove(0).summary)
+}
+
+/// Bounds of impact-free engagement that a run breaks.
+fn broken(s: &DriveSummary) -> Vec<&'static str> {
+    let (window_n, lap_n) = s.largest_n();
+    let pressing_n = s.tight_tension_n - s.centrifugal_tension_n;
+    let ring_n = s.kind(ContactKind::RingFront).map_or(f64::INFINITY, |k| k.peak_window_n);
+    let keeps = [
+        ("fastest first touch", s.fastest_touch_m_s() < 0.03 * s.turning_speed_m_s),
+        ("largest force, engaging", window_n < 130.0),
+        ("largest force, lap", lap_n < 150.0),
+        ("ring force", ring_n < 0.30 * pressing_n),
+        ("speed ripple", 100.0 * s.speed_ripple < 0.15),
+        ("rise of the tooth force", s.tooth().is_some_and(|k| k.rise_t > 0.45)),
+        ("sequence in order", s.sequence.is_some_and(|share| share >= 0.99)),
+    ];
+    keeps.into_iter().filter(|(_, is_kept)| !is_kept).map(|(name, _)| name).collect()
 }
 
 fn cases() -> Vec<(String, Vec<String>)> {
@@ -67,7 +84,7 @@ fn main() {
     for (title, sets) in cases() {
         match measure("smartchain-20-40", &sets) {
             Ok(s) => {
-                let broken: Vec<&str> = margins(&s).iter().filter(|m| m.margin < 0.0).map(|m| m.name).collect();
+                let broken = broken(&s);
                 let (window, lap) = s.largest_n();
                 println!(
                     "{title:<36} {:>8.2} {window:>8.1} {lap:>8.1} {:>7.2} {:>7.2}  {}",

@@ -9,11 +9,13 @@
 //!    settles without it. How still it is afterwards is reported. Then the clock is set to zero.
 
 mod report;
+mod shared;
 mod start;
 
 pub use report::{
     AssemblyError, AssemblyReport, ChainPreload, MovedAxis, RestingArm, RestingSlider, SpanReport, ValveReport,
 };
+pub use shared::SharedLoops;
 pub use start::resting_state;
 use start::{moving_state, wrap_angles};
 
@@ -65,9 +67,13 @@ pub struct Compiled {
 
 /// Compiles a drive up to its Model: for runs that go on from a recorded State.
 pub fn compile(drive: &Drive) -> Result<Compiled, AssemblyError> {
+    compile_with(drive, None)
+}
+
+fn compile_with(drive: &Drive, shared: Option<&SharedLoops>) -> Result<Compiled, AssemblyError> {
     let (mut models, mut tensions_n) = (Vec::new(), Vec::new());
     for chain in 0..drive.chains() {
-        let (model, own_n) = compile_alone(&drive.single_chain(chain))?;
+        let (model, own_n) = compile_alone(&drive.single_chain(chain), shared)?;
         models.push(model);
         tensions_n.push(own_n);
     }
@@ -80,23 +86,29 @@ pub fn compile(drive: &Drive) -> Result<Compiled, AssemblyError> {
 }
 
 /// One chain of a drive, tightened, and its mean tension at rest over the phases of its driver [N].
-fn compile_alone(drive: &Drive) -> Result<(Model, Vec<f64>), AssemblyError> {
+fn compile_alone(drive: &Drive, shared: Option<&SharedLoops>) -> Result<(Model, Vec<f64>), AssemblyError> {
     let placed = place(drive).map_err(AssemblyError::Input)?;
     if drive.fidelity == ChainFidelity::Spans {
         // Tightened with its links, which then leave their tension to the spans.
         let linked = Drive { fidelity: ChainFidelity::Links, ..drive.clone() };
-        let (model, tensions_n) = compile_alone(&linked)?;
+        let (model, tensions_n) = compile_alone(&linked, shared)?;
         let terms = spans_under_load(&model, &linked)?;
         return Ok((model.with_fidelity(drive, &terms).map_err(AssemblyError::Input)?, tensions_n));
     }
     // The preload is set on the drive as it should be: what departs from that comes later, and changes the tension.
-    let (shift, tensions_n) = match drive.effects == Effects::default() {
-        true => tighten(drive, &placed)?,
-        false => {
+    let key = shared.map(|_| SharedLoops::key(drive));
+    let known = shared.zip(key.as_ref()).and_then(|(shared, key)| shared.find(key));
+    let (shift, tensions_n) = match (known, drive.effects == Effects::default()) {
+        (Some(known), _) => known,
+        (None, true) => tighten(drive, &placed)?,
+        (None, false) => {
             let ideal = Drive { effects: Effects::default(), ..drive.clone() };
             tighten(&ideal, &place(&ideal).map_err(AssemblyError::Input)?)?
         }
     };
+    if let Some((shared, key)) = shared.zip(key) {
+        shared.keep(key, (shift, tensions_n.clone()));
+    }
     Ok((Model::build(drive, &placed, shift).map_err(AssemblyError::Input)?, tensions_n))
 }
 
@@ -269,7 +281,19 @@ const FLOAT_TOLERANCE_M: f64 = 1e-12;
 
 /// As [`assemble`], with a given vector unit.
 pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError> {
-    let Compiled { model, bound, tensions_n } = compile(drive)?;
+    assemble_from(drive, isa, None)
+}
+
+/// As [`assemble`], to the bit, with what other drives have in common with this one taken from them.
+///
+/// # Errors
+/// See [`AssemblyError`].
+pub fn assemble_sharing(drive: &Drive, shared: &SharedLoops) -> Result<Assembly, AssemblyError> {
+    assemble_from(drive, Isa::detect(), Some(shared))
+}
+
+fn assemble_from(drive: &Drive, isa: Isa, shared: Option<&SharedLoops>) -> Result<Assembly, AssemblyError> {
+    let Compiled { model, bound, tensions_n } = compile_with(drive, shared)?;
     let rest = rest_configuration(&model, drive, 0.0)?;
     let unloaded = solve(&model, rest, 0.0, "tightening the loop")?;
     check_rails(drive, &model, &unloaded)?;

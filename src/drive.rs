@@ -58,7 +58,7 @@ pub const BUNDLED: [(&str, &str); 13] = [
 pub const CHAIN_TYPES: [&str; 3] = ["bush-20-40", "silent-20-40", "smartchain-20-40"];
 
 /// What is a chain's own where a drive has several.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ChainPart {
     /// Type and dimensions of the links.
     pub chain: ChainSpec,
@@ -101,7 +101,7 @@ pub struct ShaftSpec {
 }
 
 /// A checked drive, in SI, with the text it came from.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Drive {
     /// Name of the file without its extension, or of the bundled drive.
     pub name: String,

@@ -21,6 +21,7 @@ mod live;
 mod lump;
 mod migrate;
 mod modes;
+mod optimise;
 mod orders;
 mod pair_stats;
 mod replay;
@@ -28,7 +29,7 @@ mod run;
 mod snapshot;
 mod spectrum;
 mod study;
-mod tune;
+mod study_engine;
 mod view;
 #[cfg(feature = "web")]
 mod view_web;
@@ -64,12 +65,8 @@ fn verbs() -> Vec<Verb> {
             "Compare drives by the impacts on their drivers: by default bush, silent and abutment chain",
             compare::run,
         ),
-        verb(
-            "tune",
-            "Optimise the free parameters of an abutment chain's drive, and print the margin to every bound",
-            tune::run,
-        ),
         verb("study", "Run a drive for many values of its numbers: tolerances, sweeps, sensitivities", study::run),
+        verb("optimise", "Search the factors of a study for the best value of its goal", optimise::run),
         verb("impacts", "List every impact of a recording, and what stands out among them", impacts::run),
         verb("audit", "Measure every part from the frames of a recording, and say what stands out", audit::run),
         verb("spectrum", "Show the orders of a quantity of a recording, and what turns with them", spectrum::run),

@@ -1,6 +1,8 @@
 //! `pitchline study`: runs a drive for many values of its numbers, and says what they do.
 
+use super::study_engine::{self, EngineArgs};
 use super::{Failure, Outcome, drive_text, print_json, print_out};
+use crate::assemble::SharedLoops;
 use crate::measurement::columns::{ColumnSelection, FileLayout, Memory, read as read_columns};
 use crate::study::bind::{BoundStudy, CaseSpec};
 use crate::study::case::run_case;
@@ -8,14 +10,14 @@ use crate::study::folder::{FolderError, FolderUse, Shard, StudyFolder};
 use crate::study::run::{CaseRow, CaseRunner, RunnerError};
 use crate::study::summary::{DriveResults, ResponseSummary, StudySummary, summarise};
 use crate::study::table::{ResultTable, write_table};
-use crate::study::{PlanSpec, Study};
+use crate::study::{BUNDLED_STUDIES, PlanSpec, Study};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-#[derive(clap::Args, Debug)]
+#[derive(clap::Args, Debug, Default)]
 pub struct StudyArgs {
     /// Study file (.toml): drives, factors, plan, responses
     pub(super) study: PathBuf,
@@ -27,19 +29,19 @@ pub struct StudyArgs {
     pub(super) resume: bool,
     /// Run only this part of the cases, e.g. 2/7; goes on where it was ended
     #[arg(long, value_name = "I/N", value_parser = shard, conflicts_with_all = ["resume", "collect", "status"])]
-    shard: Option<Shard>,
+    pub(super) shard: Option<Shard>,
     /// Write the tables and the report of what is done, and run nothing
     #[arg(long, conflicts_with_all = ["resume", "status"])]
-    collect: bool,
+    pub(super) collect: bool,
     /// Say what is done and what is missing
     #[arg(long, conflicts_with = "resume")]
-    status: bool,
+    pub(super) status: bool,
     /// Run one case and record it, beside its results: recordings/case-N.mcap, or --to
     #[arg(long, value_name = "CASE", conflicts_with_all = ["resume", "shard", "collect", "status"])]
-    record: Option<usize>,
+    pub(super) record: Option<usize>,
     /// Recording of --record, .mcap or .rrd
     #[arg(long, value_name = "FILE", requires = "record")]
-    to: Option<PathBuf>,
+    pub(super) to: Option<PathBuf>,
     /// Threads [default: all cores]; they do not change the results
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
     pub(super) threads: Option<u16>,
@@ -49,6 +51,8 @@ pub struct StudyArgs {
     /// Go on with a study that another build of pitchline began
     #[arg(long)]
     pub(super) other_build: bool,
+    #[command(flatten)]
+    pub(super) engine: EngineArgs,
     /// Print JSON
     #[arg(long)]
     pub(super) json: bool,
@@ -63,7 +67,7 @@ fn shard(text: &str) -> Result<Shard, String> {
 }
 
 /// `90s`, `10min` or `8h`, in seconds.
-fn budget(text: &str) -> Result<f64, String> {
+pub(super) fn budget(text: &str) -> Result<f64, String> {
     let units = [("min", 60.0), ("h", 3600.0), ("s", 1.0)];
     let parsed =
         units.iter().find_map(|(unit, factor)| Some(text.strip_suffix(unit)?.trim().parse::<f64>().ok()? * factor));
@@ -85,6 +89,13 @@ pub fn run(args: &StudyArgs) -> Result<Outcome, Failure> {
     if args.status || args.collect {
         let folder = StudyFolder::open(&path, &bound, FolderUse::Look, args.other_build).map_err(failure)?;
         return if args.status { status(args, &bound, &folder) } else { collect(args, &bound, &folder) };
+    }
+    if let Some(engine) = &args.engine.print_job {
+        return study_engine::print_job(args, &bound, engine);
+    }
+    if args.engine.engine != "local" {
+        check_nominal(&bound)?;
+        return study_engine::submit(args, &bound);
     }
     let wanted = if args.resume || args.shard.is_some() { FolderUse::GoOn } else { FolderUse::Begin };
     check_nominal(&bound)?;
@@ -118,7 +129,17 @@ pub(super) fn failure(e: FolderError) -> Failure {
 /// Reads a study, its drives and its table. All mistakes are found before anything runs.
 pub(super) fn bind(path: &Path) -> Result<BoundStudy, Failure> {
     let input = |r: crate::diag::Report| Failure::Input(r.to_string());
-    let text = super::identify::read_text(path, "study file")?;
+    let bundled = BUNDLED_STUDIES.iter().find(|(name, _)| Path::new(name) == path);
+    let text = match bundled {
+        Some((_, text)) => (*text).to_string(),
+        None => super::identify::read_text(path, "study file").map_err(|e| match e {
+            Failure::Input(why) if !path.exists() => {
+                let names: Vec<&str> = BUNDLED_STUDIES.iter().map(|(name, _)| *name).collect();
+                Failure::Input(format!("{why}\nhelp: bundled studies: {}", names.join(", ")))
+            }
+            other => other,
+        })?,
+    };
     let study = Study::parse(&path.display().to_string(), &text).map_err(input)?;
     let beside = path.parent().map_or_else(PathBuf::new, PathBuf::from);
     let mut texts = Vec::new();
@@ -163,10 +184,11 @@ fn table_rows(study: &Study, path: &Path) -> Result<Vec<Vec<f64>>, Failure> {
 
 /// Runs the drives as they are, to learn whether they give what the responses ask for.
 pub(super) fn check_nominal(bound: &BoundStudy) -> Result<(), Failure> {
+    let shared = SharedLoops::default();
     for k in 0..bound.drives.len() {
         let case = bound.nominal_case(k);
         let name = bound.drives.get(k).map_or("", |d| d.name.as_str());
-        let found = bound.drive_of(&case).and_then(|drive| run_case(&drive, &bound.needs, bound.study.length));
+        let found = bound.drive_of(&case).and_then(|drive| run_case(&drive, &bound.needs, bound.study.length, &shared));
         match found {
             Ok(facts) => bound.check_responses(&facts).map_err(|report| Failure::Input(report.to_string()))?,
             Err(why) => {
@@ -224,6 +246,7 @@ pub(super) fn runner<'a>(
         deadline: args.budget.map(|s| Instant::now() + Duration::from_secs_f64(s)),
         recordings: folder.path.join("recordings"),
         shard: shard.name(),
+        shared: SharedLoops::default(),
     }
 }
 
@@ -268,7 +291,7 @@ fn finish_shard(args: &StudyArgs, bound: &BoundStudy, folder: &StudyFolder, shar
 }
 
 /// Writes tables and report of all that is done.
-fn collect(args: &StudyArgs, bound: &BoundStudy, folder: &StudyFolder) -> Result<Outcome, Failure> {
+pub(super) fn collect(args: &StudyArgs, bound: &BoundStudy, folder: &StudyFolder) -> Result<Outcome, Failure> {
     let _held = folder.collecting().map_err(failure)?;
     let found = folder.rows(bound).map_err(failure)?;
     warn(&found.warnings);
@@ -470,13 +493,13 @@ const REASONS: usize = 5;
 const WORST_SHOWN: usize = 5;
 
 /// Four digits.
-fn short(x: f64) -> String {
+pub(super) fn short(x: f64) -> String {
     match x.abs() {
         _ if x.is_nan() => "-".into(),
         0.0 => "0".into(),
         1e-3..1e5 => {
-            let digits = (3 - x.abs().log10().floor() as i32).clamp(0, 6);
-            format!("{x:.*}", usize::try_from(digits).unwrap_or(0))
+            let above = [1e-2, 1e-1, 1.0, 10.0, 100.0, 1000.0].iter().filter(|power| x.abs() >= **power).count();
+            format!("{x:.*}", 6_usize.saturating_sub(above))
         }
         _ => format!("{x:.3e}"),
     }

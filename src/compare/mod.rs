@@ -8,7 +8,6 @@ pub mod headline;
 pub mod laws;
 pub mod merge;
 pub mod spectrum;
-pub mod tune;
 
 use crate::assemble::{Assembly, AssemblyError, assemble};
 use crate::diag::Report;

@@ -18,7 +18,7 @@ use crate::elements::driver_motion::Harmonic;
 use crate::units::{DEG, RPM};
 
 /// How the driver turns.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, PartialEq, Default)]
 pub struct MotionSpec {
     /// Time [s] and speed [rad/s]; one where it is constant.
     pub speeds: Vec<(f64, f64)>,
@@ -49,7 +49,7 @@ pub enum Moving {
 }
 
 /// A load by a law of the catalogue.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct LoadSpec {
     /// Path in the file: `loads.LAW.NAME`.
     pub path: String,
@@ -86,7 +86,7 @@ pub struct CouplingSpec {
 }
 
 /// All that acts on shafts besides constant speeds and constant loads.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct ShaftTrain {
     /// How the driver turns.
     pub motion: MotionSpec,

@@ -107,8 +107,8 @@ fn number(x: f64) -> String {
         _ if x.is_nan() => "-".into(),
         0.0 => "0".into(),
         1e-3..1e5 => {
-            let digits = (3 - libm::floor(libm::log10(x.abs())) as i32).clamp(0, 6);
-            format!("{x:.*}", digits as usize)
+            let above = [1e-2, 1e-1, 1.0, 10.0, 100.0, 1000.0].iter().filter(|power| x.abs() >= **power).count();
+            format!("{x:.*}", 6 - above)
         }
         _ => format!("{x:.2e}"),
     }

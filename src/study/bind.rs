@@ -306,9 +306,20 @@ fn check_factors(study: &Study, drive: &StudyDrive, diags: &mut Vec<Diag>) {
         if factor.scale != FactorScale::Absolute
             && let Some((path, _)) = factor.paths.iter().zip(bases).find(|(_, base)| base.is_nan())
         {
-            let help = "give the factor `low` and `high`, or `mean` and `sd`".to_string();
-            let title = format!("`{}` has no number `{path}` to vary about", drive.name);
-            diags.push(study.places.error(&at, title, Some(help)));
+            let set: Vec<String> = study.set.iter().cloned().chain([format!("{path}=1")]).collect();
+            let first = match Drive::parse(&drive.nominal.name, &drive.nominal.text, &set) {
+                Err(report) => report.diags.into_iter().next().filter(|d| d.title.contains("no value")),
+                Ok(_) => None,
+            };
+            let (why, help) = match first {
+                Some(first) => (first.title, first.help),
+                None => {
+                    let help = "give the factor `low` and `high`, or `mean` and `sd`".to_string();
+                    (format!("it has no number `{path}` to vary about"), Some(help))
+                }
+            };
+            let title = format!("factor `{}` does not fit `{}`: {why}", factor.name, drive.name);
+            diags.push(study.places.error(&at, title, help));
             continue;
         }
         if matches!(study.plan, super::PlanSpec::File(_)) {

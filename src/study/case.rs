@@ -6,7 +6,7 @@
 
 use crate::analysis::order_spectrum::{AngleRecord, AngleRecorder};
 use crate::analysis::signal::Signal;
-use crate::assemble::{Assembly, AssemblyError, assemble};
+use crate::assemble::{Assembly, AssemblyError, SharedLoops, assemble_sharing};
 use crate::compare::{CompareError, DriverWatch};
 use crate::diag::{Report, last_name};
 use crate::drive::Drive;
@@ -70,8 +70,13 @@ impl From<AssemblyError> for CaseError {
 ///
 /// # Errors
 /// It cannot be assembled, breaks down, or lacks what is asked for.
-pub fn run_case(drive: &Drive, needs: &CaseNeeds, length: CaseLength) -> Result<CaseFacts, CaseError> {
-    let Assembly { model, mut state, report } = assemble(drive)?;
+pub fn run_case(
+    drive: &Drive,
+    needs: &CaseNeeds,
+    length: CaseLength,
+    shared: &SharedLoops,
+) -> Result<CaseFacts, CaseError> {
+    let Assembly { model, mut state, report } = assemble_sharing(drive, shared)?;
     let span = RunLength::new(length.duration_s, length.every_s, model.step_s);
     let mut header = capture::header(drive, &model, &report, span.steps_per_frame);
     header.ledger_origin = Some(capture::ledger_at(&model, &state).map_err(|e| CaseError(e.to_string()))?);

@@ -3,7 +3,7 @@
 //! Parsed by the crate exmex; its operators are given here: their functions come from libm, which has the same bits on every CPU. A comparison
 //! gives 1 or 0, and a number other than 0 counts as true; what is compared with a missing value is missing.
 
-use exmex::{BinOp, Express, FlatEx, MakeOperators, Operator};
+use exmex::{BinOp, Express, FlatEx, MakeOperators, MatchLiteral, Operator, literal_matcher_from_pattern};
 
 /// The operators of formulas.
 #[derive(Clone, Debug)]
@@ -39,6 +39,9 @@ impl MakeOperators<f64> for FormulaOperators {
     }
 }
 
+// Numbers as a study file writes them, with an exponent if wanted.
+literal_matcher_from_pattern!(FormulaNumbers, r"^([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]+)?");
+
 /// 1 or 0; missing where an operand is.
 fn known(a: f64, b: f64, is: bool) -> f64 {
     match (a.is_nan() || b.is_nan(), is) {
@@ -52,7 +55,8 @@ fn known(a: f64, b: f64, is: bool) -> f64 {
 #[derive(Clone)]
 pub struct Formula {
     pub text: String,
-    parsed: FlatEx<f64, FormulaOperators>,
+    /// 19 KB by itself.
+    parsed: Box<FlatEx<f64, FormulaOperators, FormulaNumbers>>,
 }
 
 impl std::fmt::Debug for Formula {
@@ -72,7 +76,7 @@ impl Formula {
     /// It is no formula: why, in a sentence.
     pub fn parse(text: &str) -> Result<Formula, String> {
         match FlatEx::parse(text) {
-            Ok(parsed) => Ok(Formula { text: text.to_string(), parsed }),
+            Ok(parsed) => Ok(Formula { text: text.to_string(), parsed: Box::new(parsed) }),
             Err(e) => Err(format!("`{text}` is no formula: {e}")),
         }
     }
@@ -121,7 +125,8 @@ mod tests {
             ("a > 2 && b > 0 || a == 3", 1.0),
             ("a < 2 && b < 0", 0.0),
             ("1 + 1 < 3 && 2 * 2 >= 4", 1.0),
-            ("1e3 * 2.5e-3", 2.5),
+            ("1e3 * 2.5E-3", 2.5),
+            ("2.*.5-1", 0.0),
         ] {
             assert_eq!(of(text), value, "{text}");
         }

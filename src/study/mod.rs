@@ -5,24 +5,24 @@
 //! it has the same bits.
 
 // These modules read untrusted files, so that every index is checked.
-#![warn(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used)]
+#![cfg_attr(not(test), warn(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used))]
 
 pub mod bind;
 pub mod case;
-#[expect(clippy::indexing_slicing, reason = "loops over factors by index read like their formula")]
+#[allow(clippy::indexing_slicing, reason = "loops over factors by index read like their formula")]
 pub mod design;
-#[expect(clippy::indexing_slicing, reason = "loops over factors by index read like their formula")]
+pub mod engine;
+#[allow(clippy::indexing_slicing, reason = "loops over factors by index read like their formula")]
 pub mod estimates;
-#[expect(clippy::indexing_slicing, reason = "matrices by row and column")]
 pub mod evolution;
-#[expect(clippy::indexing_slicing, reason = "a coordinate's place in a list that is not empty")]
+#[allow(clippy::indexing_slicing, reason = "a coordinate's place in a list that is not empty")]
 pub mod factor;
 pub mod folder;
 pub mod formula;
 pub mod optimise;
 mod read;
 pub mod run;
-#[expect(clippy::indexing_slicing, reason = "bits of a table of our own")]
+#[allow(clippy::indexing_slicing, reason = "bits of a table of our own")]
 pub mod sobol;
 pub mod summary;
 pub mod table;
@@ -33,6 +33,12 @@ use case::CaseLength;
 use design::StudyPlan;
 use factor::Factor;
 use formula::Formula;
+
+/// Studies that the program carries: names and files.
+pub const BUNDLED_STUDIES: [(&str, &str); 2] = [
+    ("smartchain-margins", include_str!("../../assets/studies/smartchain-margins.toml")),
+    ("smartchain-tolerances", include_str!("../../assets/studies/smartchain-tolerances.toml")),
+];
 
 /// A checked study file.
 #[derive(Clone, Debug)]

@@ -3,6 +3,7 @@
 use super::KeepSpec;
 use super::bind::{BoundStudy, CaseSpec};
 use super::case::{CaseError, run_case};
+use crate::assemble::SharedLoops;
 use crate::drive::Drive;
 use crate::simulate::Simulation;
 use std::panic::AssertUnwindSafe;
@@ -45,6 +46,8 @@ pub struct CaseRunner<'a> {
     /// Where recordings of cases go.
     pub recordings: PathBuf,
     pub shard: String,
+    /// What cases have in common.
+    pub shared: SharedLoops,
 }
 
 /// Why cases could not be run.
@@ -133,7 +136,7 @@ impl CaseRunner<'_> {
 
     fn attempt(&self, case: &CaseSpec) -> Result<(Drive, Vec<Option<f64>>, u64), CaseError> {
         let drive = self.bound.drive_of(case)?;
-        let facts = run_case(&drive, &self.bound.needs, self.bound.study.length)?;
+        let facts = run_case(&drive, &self.bound.needs, self.bound.study.length, &self.shared)?;
         let responses = self.bound.responses(case, &facts);
         Ok((drive, responses, facts.state_hash))
     }
