@@ -30,6 +30,7 @@ mod snapshot;
 mod spectrum;
 mod study;
 mod study_engine;
+mod study_remote;
 mod view;
 #[cfg(feature = "web")]
 mod view_web;

@@ -103,12 +103,16 @@ fn advance(
         let bar = progress_bar(missing.len());
         let (done, most) = search.generations();
         bar.set_message(format!("generation {done} of at most {most}"));
-        let ran = runner.run(&missing, |row| {
-            journal.add(&row, true)?;
-            bar.inc(1);
-            rows.insert(row.case.number, row);
-            Ok(())
-        });
+        let ran = runner.run(
+            missing.len(),
+            |i| missing.get(i).cloned().unwrap_or_else(|| bound.nominal_case(0)),
+            |row| {
+                journal.add(&row, true)?;
+                bar.inc(1);
+                rows.insert(row.case.number, row);
+                Ok(())
+            },
+        );
         bar.finish_and_clear();
         journal.sync().map_err(failure)?;
         ran.map_err(|RunnerError(e)| Failure::World(format!("{e:#}")))?;
@@ -145,7 +149,7 @@ fn json(bound: &BoundStudy, search: &Search<'_>, outputs: &[PathBuf]) -> serde_j
             .map(|(r, v)| (r.name.clone(), serde_json::json!(v)))
             .collect();
         let margin = Some(bound.worst_margin(&row.responses)).filter(|m| m.is_finite());
-        serde_json::json!({"case": row.case.number, "responses": responses, "worst_margin": margin, "set": row.case.overrides, "error": row.error})
+        serde_json::json!({"case": row.case.number, "responses": responses, "worst_margin": margin, "set": bound.overrides(&row.case), "error": row.error})
     };
     let drives: Vec<serde_json::Value> = before_and_after(bound, search)
         .into_iter()
@@ -192,7 +196,7 @@ fn text(bound: &BoundStudy, search: &Search<'_>, outputs: &[PathBuf]) -> String 
                 margin
             );
         }
-        set = after.case.overrides.clone();
+        set = bound.overrides(&after.case);
         if let Some(why) = &before.error {
             let _infallible = writeln!(text, "  as given it breaks down: {why}");
         }

@@ -1,10 +1,11 @@
 //! `pitchline study`: runs a drive for many values of its numbers, and says what they do.
 
 use super::study_engine::{self, EngineArgs};
+use super::study_remote;
 use super::{Failure, Outcome, drive_text, print_json, print_out};
 use crate::assemble::SharedLoops;
 use crate::measurement::columns::{ColumnSelection, FileLayout, Memory, read as read_columns};
-use crate::study::bind::{BoundStudy, CaseSpec};
+use crate::study::bind::BoundStudy;
 use crate::study::case::run_case;
 use crate::study::folder::{FolderError, FolderUse, Shard, StudyFolder};
 use crate::study::run::{CaseRow, CaseRunner, RunnerError};
@@ -21,9 +22,12 @@ use std::time::{Duration, Instant};
 pub struct StudyArgs {
     /// Study file (.toml): drives, factors, plan, responses
     pub(super) study: PathBuf,
-    /// Folder for results [default: studies/NAME]
+    /// Folder for results, or s3://BUCKET/PREFIX in an object store [default: studies/NAME]
     #[arg(short, long = "output", value_name = "FOLDER")]
     pub(super) output: Option<PathBuf>,
+    /// Folder of this machine in which a study in an object store works [default: one for temporary files]
+    #[arg(long, value_name = "FOLDER")]
+    pub(super) scratch: Option<PathBuf>,
     /// Go on with a study: cases that are done are not run again
     #[arg(long)]
     pub(super) resume: bool,
@@ -83,6 +87,9 @@ pub fn run(args: &StudyArgs) -> Result<Outcome, Failure> {
         )));
     }
     let path = folder_path(args, &bound);
+    if let Some(url) = args.output.as_ref().and_then(|o| o.to_str()).filter(|o| o.starts_with("s3://")) {
+        return study_remote::run(args, &bound, url);
+    }
     if let Some(case) = args.record {
         return record(args, &bound, &path, case);
     }
@@ -102,7 +109,7 @@ pub fn run(args: &StudyArgs) -> Result<Outcome, Failure> {
     let folder = StudyFolder::open(&path, &bound, wanted, args.other_build).map_err(failure)?;
     let shard = args.shard.unwrap_or(Shard::WHOLE);
     let stop = super::run::stop_on_interrupt();
-    run_missing(args, &bound, &folder, shard, &stop)?;
+    run_missing(args, &bound, &folder, shard, &stop, &mut || Ok(()))?;
     let is_over = stop.load(Ordering::Relaxed);
     let outcome = match args.shard {
         Some(shard) => finish_shard(args, &bound, &folder, shard)?,
@@ -199,33 +206,37 @@ pub(super) fn check_nominal(bound: &BoundStudy) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Runs what a shard lacks.
-fn run_missing(
+/// Runs what a shard lacks; `added` is called whenever the journal has grown.
+pub(super) fn run_missing(
     args: &StudyArgs,
     bound: &BoundStudy,
     folder: &StudyFolder,
     shard: Shard,
     stop: &AtomicBool,
+    added: &mut dyn FnMut() -> anyhow::Result<()>,
 ) -> Result<(), Failure> {
     let mut journal = folder.journal(shard).map_err(failure)?;
-    let known = folder.rows(bound).map_err(failure)?;
+    let known = folder.done(bound, shard).map_err(failure)?;
     warn(&known.warnings);
-    let missing: Vec<CaseSpec> = (0..bound.cases())
-        .filter(|case| shard.has(*case) && !known.rows.contains_key(case))
-        .map(|case| bound.case(case))
-        .collect();
+    let missing: Vec<usize> =
+        (0..bound.cases()).filter(|case| shard.has(*case) && !known.numbers.contains(case)).collect();
     let runner = runner(args, bound, folder, shard, stop);
     let bar = progress_bar(missing.len());
     let mut errors = 0_usize;
-    let done = runner.run(&missing, |row| {
-        errors += usize::from(row.error.is_some());
-        journal.add(&row, false)?;
-        bar.inc(1);
-        if errors > 0 {
-            bar.set_message(format!("{errors} broke down"));
-        }
-        Ok(())
-    });
+    let done = runner.run(
+        missing.len(),
+        |i| bound.case(missing.get(i).copied().unwrap_or(0)),
+        |row| {
+            errors += usize::from(row.error.is_some());
+            journal.add(&row, false)?;
+            added()?;
+            bar.inc(1);
+            if errors > 0 {
+                bar.set_message(format!("{errors} broke down"));
+            }
+            Ok(())
+        },
+    );
     bar.finish_and_clear();
     journal.sync().map_err(failure)?;
     done.map_err(|RunnerError(e)| Failure::World(format!("{e:#}")))
@@ -269,7 +280,12 @@ pub(super) fn progress_bar(cases: usize) -> ProgressBar {
 }
 
 /// Writes the table of a shard.
-fn finish_shard(args: &StudyArgs, bound: &BoundStudy, folder: &StudyFolder, shard: Shard) -> Result<Outcome, Failure> {
+pub(super) fn finish_shard(
+    args: &StudyArgs,
+    bound: &BoundStudy,
+    folder: &StudyFolder,
+    shard: Shard,
+) -> Result<Outcome, Failure> {
     let found = folder.rows(bound).map_err(failure)?;
     let own: Vec<&CaseRow> = found.rows.values().filter(|row| shard.has(row.case.number)).collect();
     let path = folder.path.join(format!("shard-{}.parquet", shard.name()));
@@ -327,7 +343,7 @@ pub(super) fn write_results(
 }
 
 /// What is done, by shards.
-fn status(args: &StudyArgs, bound: &BoundStudy, folder: &StudyFolder) -> Result<Outcome, Failure> {
+pub(super) fn status(args: &StudyArgs, bound: &BoundStudy, folder: &StudyFolder) -> Result<Outcome, Failure> {
     let found = folder.rows(bound).map_err(failure)?;
     let missing: Vec<usize> = (0..bound.cases()).filter(|case| !found.rows.contains_key(case)).collect();
     let mut shards: std::collections::BTreeMap<&str, (usize, f64)> = std::collections::BTreeMap::new();

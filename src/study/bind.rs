@@ -2,7 +2,7 @@
 
 use super::case::{CaseError, CaseFacts, CaseNeeds, is_known, number_at, paths};
 use super::design::{Design, StudyPlan};
-use super::factor::{FactorCell, FactorScale};
+use super::factor::{Factor, FactorCell, FactorScale};
 use super::{Response, ResponseSource, SignalMeasure, Study, WORST_MARGIN};
 use crate::analysis::order_spectrum::{AngleRecord, spectrum};
 use crate::compare::has_links_on_its_driver;
@@ -40,8 +40,6 @@ pub struct CaseSpec {
     /// Coordinates, a factor each; what they were made from where a table gives values.
     pub point: Vec<f64>,
     pub cells: Vec<FactorCell>,
-    /// `path=value`, beside those of all cases.
-    pub overrides: Vec<String>,
 }
 
 impl BoundStudy {
@@ -110,37 +108,44 @@ impl BoundStudy {
 
     /// A case at any point.
     pub fn case_at(&self, number: usize, drive: usize, point: Vec<f64>) -> CaseSpec {
-        let is_table = matches!(self.study.plan, super::PlanSpec::File(_));
-        let (mut cells, mut overrides) = (Vec::new(), Vec::new());
-        if let Some(own) = self.drives.get(drive) {
-            let links = own.nominal.links;
-            for ((factor, bases), u) in self.study.factors.iter().zip(&own.bases).zip(&point) {
-                let base = bases.first().copied().unwrap_or(f64::NAN);
-                if is_table {
-                    cells.push(factor.cell_of_value(*u));
-                    overrides.extend(factor.overrides_of_value(*u, bases, links));
-                } else {
-                    let u = match self.study.plan {
-                        super::PlanSpec::Design(StudyPlan::FullGrid | StudyPlan::OneAtATime) => {
-                            factor.grid_coordinate(*u, factor.levels)
-                        }
-                        super::PlanSpec::Design(StudyPlan::Morris { levels, .. }) => factor.grid_coordinate(*u, levels),
-                        super::PlanSpec::Design(
-                            StudyPlan::LatinHypercube { .. }
-                            | StudyPlan::Sobol { .. }
-                            | StudyPlan::Random { .. }
-                            | StudyPlan::Saltelli { .. }
-                            | StudyPlan::Rows(_)
-                            | StudyPlan::Search,
-                        )
-                        | super::PlanSpec::File(_) => *u,
-                    };
-                    cells.push(factor.cell(u, base));
-                    overrides.extend(factor.overrides(u, bases, links));
-                }
-            }
+        let own = self.drives.get(drive).map_or([].as_slice(), |own| own.bases.as_slice());
+        let cells =
+            self.study.factors.iter().zip(own).zip(&point).map(|((factor, bases), u)| match self.gives_values() {
+                true => factor.cell_of_value(*u),
+                false => factor.cell(self.coordinate(factor, *u), bases.first().copied().unwrap_or(f64::NAN)),
+            });
+        let cells = cells.collect();
+        CaseSpec { number, drive, point, cells }
+    }
+
+    /// `path=value` of a case, beside those of all cases.
+    pub fn overrides(&self, case: &CaseSpec) -> Vec<String> {
+        let Some(own) = self.drives.get(case.drive) else { return Vec::new() };
+        let links = own.nominal.links;
+        let of = |((factor, bases), u): ((&Factor, &Vec<f64>), &f64)| match self.gives_values() {
+            true => factor.overrides_of_value(*u, bases, links),
+            false => factor.overrides(self.coordinate(factor, *u), bases, links),
+        };
+        self.study.factors.iter().zip(&own.bases).zip(&case.point).flat_map(of).collect()
+    }
+
+    /// Whether points are values of the factors, not coordinates.
+    fn gives_values(&self) -> bool {
+        matches!(self.study.plan, super::PlanSpec::File(_))
+    }
+
+    /// The coordinate at which a factor is taken: levels of a grid keep off the ends of a normal distribution.
+    fn coordinate(&self, factor: &Factor, u: f64) -> f64 {
+        match self.design.plan() {
+            StudyPlan::FullGrid | StudyPlan::OneAtATime => factor.grid_coordinate(u, factor.levels),
+            StudyPlan::Morris { levels, .. } => factor.grid_coordinate(u, *levels),
+            StudyPlan::LatinHypercube { .. }
+            | StudyPlan::Sobol { .. }
+            | StudyPlan::Random { .. }
+            | StudyPlan::Saltelli { .. }
+            | StudyPlan::Rows(_)
+            | StudyPlan::Search => u,
         }
-        CaseSpec { number, drive, point, cells, overrides }
     }
 
     /// The drive of a case.
@@ -149,7 +154,7 @@ impl BoundStudy {
     /// Its values are none that the drive can have.
     pub fn drive_of(&self, case: &CaseSpec) -> Result<Drive, CaseError> {
         let Some(own) = self.drives.get(case.drive) else { return Err(CaseError("no such drive".into())) };
-        let set: Vec<String> = self.study.set.iter().chain(&case.overrides).cloned().collect();
+        let set: Vec<String> = self.study.set.iter().cloned().chain(self.overrides(case)).collect();
         Drive::parse(&own.nominal.name, &own.nominal.text, &set).map_err(|report| CaseError::from(&report))
     }
 

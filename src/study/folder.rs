@@ -16,7 +16,7 @@ use super::bind::BoundStudy;
 use super::design::StudyPlan;
 use super::run::CaseRow;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{File, TryLockError};
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -151,6 +151,14 @@ pub struct StudyFolder {
     pub path: PathBuf,
 }
 
+/// Numbers of the cases that a shard need not run.
+#[derive(Default)]
+pub struct DoneCases {
+    pub numbers: BTreeSet<usize>,
+    /// What is wrong with the journals.
+    pub warnings: Vec<String>,
+}
+
 /// Rows of all journals.
 #[derive(Default)]
 pub struct FolderRows {
@@ -243,6 +251,28 @@ impl StudyFolder {
         Ok(names)
     }
 
+    /// Cases of a shard that are done, by its own journal and by those of another number of shards: where many shards of one number run, none
+    /// reads the journals of the others.
+    ///
+    /// # Errors
+    /// A journal cannot be read.
+    pub fn done(&self, bound: &BoundStudy, shard: Shard) -> Result<DoneCases, FolderError> {
+        let mut found = DoneCases::default();
+        let (own, alike) = (format!("shard-{}.rows", shard.name()), format!("-of-{}.rows", shard.count));
+        for name in self.journals()?.into_iter().filter(|name| *name == own || !name.ends_with(&alike)) {
+            let bytes = std::fs::read(self.path.join(&name)).map_err(self.io(&name))?;
+            let (lines, broken) = lines_of(&bytes);
+            if broken > 0 {
+                found.warnings.push(damaged(&name, broken));
+            }
+            let is_ours = |line: &JournalLine| row_of(bound, line, "").is_some();
+            found
+                .numbers
+                .extend(lines.iter().filter(|line| shard.has(line.case) && is_ours(line)).map(|line| line.case));
+        }
+        Ok(found)
+    }
+
     /// Rows of all journals. A case that two of them have is taken once, and told where they differ.
     ///
     /// # Errors
@@ -254,7 +284,7 @@ impl StudyFolder {
             let shard = name.trim_start_matches("shard-").trim_end_matches(".rows");
             let (lines, broken) = lines_of(&bytes);
             if broken > 0 {
-                found.warnings.push(format!("{name}: {broken} lines are damaged; their cases count as missing"));
+                found.warnings.push(damaged(&name, broken));
             }
             for line in lines {
                 let Some(row) = row_of(bound, &line, shard) else {
@@ -345,6 +375,10 @@ fn lines_of(bytes: &[u8]) -> (Vec<JournalLine>, usize) {
         }
     }
     (lines, broken)
+}
+
+fn damaged(name: &str, lines: usize) -> String {
+    format!("{name}: {lines} lines are damaged; their cases count as missing")
 }
 
 fn bits_of(x: f64) -> String {

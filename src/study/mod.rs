@@ -21,6 +21,8 @@ pub mod folder;
 pub mod formula;
 pub mod optimise;
 mod read;
+#[cfg(feature = "s3")]
+pub mod remote;
 pub mod run;
 #[allow(clippy::indexing_slicing, reason = "bits of a table of our own")]
 pub mod sobol;

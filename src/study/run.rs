@@ -60,13 +60,14 @@ impl CaseRunner<'_> {
         self.stop.load(Ordering::Relaxed) || self.deadline.is_some_and(|at| Instant::now() >= at)
     }
 
-    /// Runs cases side by side, and hands over each as it ends: in an order that depends on the threads.
+    /// Runs `cases` cases side by side, made one by one by `case`, and hands over each as it ends: in an order that depends on the threads.
     ///
     /// # Errors
     /// A recording cannot be written, or `done` fails: no further case is begun then.
     pub fn run(
         &self,
-        cases: &[CaseSpec],
+        cases: usize,
+        case: impl Fn(usize) -> CaseSpec + Sync,
         mut done: impl FnMut(CaseRow) -> Result<(), anyhow::Error>,
     ) -> Result<(), RunnerError> {
         let next = AtomicUsize::new(0);
@@ -74,13 +75,13 @@ impl CaseRunner<'_> {
         let (sender, receiver) = sync_channel::<Result<CaseRow, anyhow::Error>>(self.threads);
         let mut failure = None;
         std::thread::scope(|scope| {
-            for _ in 0..self.threads.clamp(1, cases.len().max(1)) {
+            for _ in 0..self.threads.clamp(1, cases.max(1)) {
                 let sender = sender.clone();
-                let (next, has_failed) = (&next, &has_failed);
+                let (next, has_failed, case) = (&next, &has_failed, &case);
                 scope.spawn(move || {
                     while !self.is_over() && !has_failed.load(Ordering::Relaxed) {
-                        let Some(case) = cases.get(next.fetch_add(1, Ordering::Relaxed)) else { break };
-                        if sender.send(self.one(case)).is_err() {
+                        let i = next.fetch_add(1, Ordering::Relaxed);
+                        if i >= cases || sender.send(self.one(&case(i))).is_err() {
                             break;
                         }
                     }
