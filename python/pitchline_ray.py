@@ -30,7 +30,9 @@ def end_with_parent():
 def run_shard(command):
     done = subprocess.run(command, capture_output=True, text=True, preexec_fn=end_with_parent)
     if done.returncode != 0:
-        raise RuntimeError(f"{' '.join(command)} ended with {done.returncode}: {done.stderr[-2000:]}")
+        # 2 is bad input: another try ends alike.
+        wrong = ValueError if done.returncode == 2 else RuntimeError
+        raise wrong(f"{' '.join(command)} ended with {done.returncode}: {done.stderr[-2000:]}")
     return done.stdout
 
 
@@ -39,13 +41,13 @@ def main():
         job = json.load(file)
     ray.init(address=job["address"], log_to_driver=False)
     # A retry is begun for a lost worker and for a command that fails, such as one that finds its shard still held.
-    task = ray.remote(num_cpus=job["threads"], max_retries=job["retries"], retry_exceptions=True)(run_shard)
+    task = ray.remote(num_cpus=job["threads"], max_retries=job["retries"], retry_exceptions=[RuntimeError])(run_shard)
     names = {task.remote(command): command for command in job["commands"]}
     waiting, failed = list(names), 0
     while waiting:
         (done, *_), waiting = ray.wait(waiting, num_returns=1)
         try:
-            print(ray.get(done).splitlines()[0], flush=True)
+            print(*ray.get(done).splitlines()[:1], flush=True)
         except Exception as error:  # the other shards go on
             failed += 1
             print(f"shard failed: {error}", file=sys.stderr, flush=True)

@@ -84,15 +84,20 @@ fn the_table_is_the_same_however_the_study_is_run() {
     let wanted = table(at, "one");
     let rows = String::from_utf8_lossy(&wanted.1).lines().count();
     assert_eq!(rows, 13);
-    assert!(said(&one).contains("cases broke down"), "{}", said(&one));
+    assert!(said(&one).contains("cases that broke down"), "{}", said(&one));
     assert_eq!(pitchline(at, &["study", "s.toml", "-o", "two", "--threads", "2"]).status.code(), Some(0));
     assert_eq!(table(at, "two"), wanted, "two threads");
-    for index in [2, 3, 1] {
-        let shard = format!("{index}/3");
-        let out = pitchline(at, &["study", "s.toml", "-o", "three", "--shard", &shard]);
+    // All at once, into a folder that none of them finds.
+    let shards: Vec<_> = [2, 3, 1]
+        .map(|index| command(at, &["study", "s.toml", "-o", "three", "--shard", &format!("{index}/3")]).spawn())
+        .into_iter()
+        .map(|child| child.expect("it starts"))
+        .collect();
+    for child in shards {
+        let out = child.wait_with_output().expect("it ends");
         assert_eq!(out.status.code(), Some(0), "{}", said(&out));
-        assert!(at.join(format!("three/shard-{index}-of-3.parquet")).exists());
     }
+    assert!((1..=3).all(|index| at.join(format!("three/shard-{index}-of-3.parquet")).exists()));
     assert_eq!(pitchline(at, &["study", "s.toml", "-o", "three", "--collect"]).status.code(), Some(0));
     assert_eq!(table(at, "three"), wanted, "three shards");
     for _ in 0..3 {
@@ -139,6 +144,20 @@ fn folders_are_kept_from_others() {
     assert!(busy.status.code() == Some(1) && said(&busy).contains("another process collects"), "{}", said(&busy));
     drop(held);
     assert_eq!(pitchline(at, &["study", "s.toml", "-o", "out", "--resume"]).status.code(), Some(0));
+    // A journal of another study is left out, and a folder whose mark is gone is nobody's.
+    std::fs::write(at.join("u.toml"), STUDY.replace("seed = 3", "seed = 4")).expect("written");
+    std::fs::create_dir(at.join("foreign")).expect("a folder");
+    let part = pitchline(at, &["study", "u.toml", "-o", "foreign", "--shard", "1/12"]);
+    assert_eq!(part.status.code(), Some(0), "{}", said(&part));
+    std::fs::copy(at.join("out/shard-1-of-1.rows"), at.join("foreign/shard-1-of-1.rows")).expect("copied");
+    let status = pitchline(at, &["study", "u.toml", "-o", "foreign", "--status"]);
+    assert!(
+        said(&status).contains("1 of 12 cases done") && said(&status).contains("of another study"),
+        "{}",
+        said(&status)
+    );
+    std::fs::remove_file(at.join("foreign/study.json")).expect("removed");
+    assert_eq!(pitchline(at, &["study", "u.toml", "-o", "foreign", "--resume"]).status.code(), Some(2));
     std::fs::create_dir(at.join("mine")).expect("a folder");
     std::fs::write(at.join("mine/letter.txt"), "").expect("written");
     let mine = pitchline(at, &["study", "s.toml", "-o", "mine"]);
@@ -161,6 +180,9 @@ fn mistakes_are_shown_at_their_places() {
         ("cases = 12", "cases = 0", "outside 1"),
         ("each = \"link\"\n", "", "one value for every link, or for all?"),
         ("bush-20-40", "bush-20-4", "did you mean the bundled drive"),
+        ("values = [300, 100000]", "values = [300, \"x\"]", "expected a number"),
+        ("duration_ms = 12", "set = [\"preload.tensio_n=3\"]\nduration_ms = 12", "`set` does not fit"),
+        ("[responses.touches]", "[responses.max]", "a function or a number of formulas"),
         ("low = 0.05", "low = 0.5", "`high` must be larger"),
         ("[responses.ratio]", "[responses.load]", "is the name of a factor too"),
         ("duration_ms = 12", "duration_ms = \"12\"", "a number"),
@@ -203,6 +225,10 @@ value = "mean"
     assert_eq!((rows[0][2], rows[0][3], rows[1][2], rows[1][3]), ("10.0", "1500.0", "", "2000.0"), "{text}");
     let speed: f64 = rows[1][4].parse().expect("a number");
     assert!((speed / (2000.0 / 60.0 * 2.0 * std::f64::consts::PI) - 1.0).abs() < 1e-9, "{speed}");
+    std::fs::write(at.join("cases.csv"), "rpm,note,load\n1500,a,ten\n").expect("written");
+    let wrong = pitchline(at, &["study", "s.toml", "-o", "wrong"]);
+    assert!(wrong.status.code() == Some(2) && said(&wrong).contains("ten"), "{}", said(&wrong));
+    std::fs::write(at.join("cases.csv"), "rpm,note,load\n1500,a,10\n2000,b,\n").expect("written");
     let recorded = pitchline(at, &["study", "s.toml", "-o", "out", "--record", "1"]);
     assert_eq!(recorded.status.code(), Some(0), "{}", said(&recorded));
     assert!(at.join("out/recordings/case-000001.mcap").exists());

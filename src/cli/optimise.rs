@@ -5,6 +5,7 @@ use super::study::{
 };
 use super::{Failure, Outcome, print_json, print_out};
 use crate::study::bind::BoundStudy;
+use crate::study::engine::quoted;
 use crate::study::folder::{FolderUse, Shard, StudyFolder};
 use crate::study::optimise::Search;
 use crate::study::run::{CaseRow, RunnerError};
@@ -85,7 +86,7 @@ fn advance(
     stop: &AtomicBool,
     search: &mut Search<'_>,
 ) -> Result<(), Failure> {
-    let mut journal = folder.journal(Shard::WHOLE).map_err(failure)?;
+    let mut journal = folder.journal(bound, Shard::WHOLE).map_err(failure)?;
     let found = folder.rows(bound).map_err(failure)?;
     warn(&found.warnings);
     let known = found.rows;
@@ -196,12 +197,16 @@ fn text(bound: &BoundStudy, search: &Search<'_>, outputs: &[PathBuf]) -> String 
                 margin
             );
         }
-        set = bound.overrides(&after.case);
+        set.push((drive, bound.overrides(&after.case)));
         if let Some(why) = &before.error {
             let _infallible = writeln!(text, "  as given it breaks down: {why}");
         }
     }
-    let best = search.best.map_or_else(|| "none: every case broke down".to_string(), |(_, v)| short(turned(bound, v)));
+    let best = match (search.best, search.rows.is_empty()) {
+        (Some((_, v)), _) => short(turned(bound, v)),
+        (None, true) => "no case was run".to_string(),
+        (None, false) => "no case gives it a value".to_string(),
+    };
     let goal = bound.study.goal.as_ref().map_or("", |g| g.formula.text.as_str());
     let (generations, _) = search.generations();
     let _infallible =
@@ -209,11 +214,9 @@ fn text(bound: &BoundStudy, search: &Search<'_>, outputs: &[PathBuf]) -> String 
     if !search.is_over() {
         text += "the search is not over: `--resume` goes on\n";
     }
-    if !set.is_empty() {
-        text += "to use it:\n";
-        for value in set {
-            let _infallible = writeln!(text, "  --set {value}");
-        }
+    for (drive, own) in set.iter().filter(|(_, own)| !own.is_empty()) {
+        let values: String = own.iter().map(|value| format!(" --set {}", quoted(value))).collect();
+        let _infallible = writeln!(text, "to use it: pitchline run {}{values}", quoted(drive));
     }
     for path in outputs {
         let _infallible = writeln!(text, "wrote {}", path.display());

@@ -7,6 +7,7 @@ use crate::assemble::SharedLoops;
 use crate::measurement::columns::{ColumnSelection, FileLayout, Memory, read as read_columns};
 use crate::study::bind::BoundStudy;
 use crate::study::case::run_case;
+use crate::study::engine::quoted;
 use crate::study::folder::{FolderError, FolderUse, Shard, StudyFolder};
 use crate::study::run::{CaseRow, CaseRunner, RunnerError};
 use crate::study::summary::{DriveResults, ResponseSummary, StudySummary, summarise};
@@ -70,12 +71,17 @@ fn shard(text: &str) -> Result<Shard, String> {
     if (1..=count).contains(&index) { Ok(Shard { index, count }) } else { Err(wrong()) }
 }
 
+/// Longest budget [s]: thirty years.
+const LONGEST_BUDGET_S: f64 = 1e9;
+
 /// `90s`, `10min` or `8h`, in seconds.
 pub(super) fn budget(text: &str) -> Result<f64, String> {
     let units = [("min", 60.0), ("h", 3600.0), ("s", 1.0)];
     let parsed =
         units.iter().find_map(|(unit, factor)| Some(text.strip_suffix(unit)?.trim().parse::<f64>().ok()? * factor));
-    parsed.filter(|t| t.is_finite() && *t > 0.0).ok_or_else(|| "write a time, e.g. 90s, 10min or 8h".into())
+    parsed
+        .filter(|t| (0.0..=LONGEST_BUDGET_S).contains(t) && *t > 0.0)
+        .ok_or_else(|| "write a time, e.g. 90s, 10min or 8h".into())
 }
 
 pub fn run(args: &StudyArgs) -> Result<Outcome, Failure> {
@@ -128,7 +134,9 @@ pub(super) fn failure(e: FolderError) -> Failure {
         | FolderError::OtherStudy { .. }
         | FolderError::OtherProgram { .. }
         | FolderError::Begun { .. }
-        | FolderError::NoStudy(_) => Failure::Input(e.to_string()),
+        | FolderError::NoStudy(_)
+        | FolderError::Damaged(_)
+        | FolderError::NoFolder(_) => Failure::Input(e.to_string()),
         FolderError::Busy { .. } | FolderError::Io { .. } | FolderError::Output(_) => Failure::World(e.to_string()),
     }
 }
@@ -177,12 +185,32 @@ fn table_rows(study: &Study, path: &Path) -> Result<Vec<Vec<f64>>, Failure> {
     let mut chosen = Vec::new();
     for factor in &study.factors {
         let name = if factor.each_link { format!("{}_seed", factor.name) } else { factor.name.clone() };
-        let Some(values) = columns.find(&name).and_then(|k| columns.values.get(k)) else {
-            let title = format!("{} has no column `{name}` for this factor", path.display());
-            let help = Some(format!("its columns: {}", columns.names.join(", ")));
+        let mistake = |title: String, help: Option<String>| {
             let diag = study.places.error(&format!("factors.{}", factor.name), title, help);
-            return Err(Failure::Input(study.places.report(vec![diag]).to_string()));
+            Failure::Input(study.places.report(vec![diag]).to_string())
         };
+        if !factor.is_numeric() {
+            return Err(mistake(format!("{} cannot give texts: a table gives numbers", path.display()), None));
+        }
+        let found = columns.find(&name);
+        if let Some(why) = found.and_then(|k| columns.wrong.get(k)).and_then(Option::as_ref) {
+            return Err(mistake(
+                format!("{}: {why}", path.display()),
+                Some("an empty cell leaves the drive's own value".into()),
+            ));
+        }
+        let Some(values) = found.and_then(|k| columns.values.get(k)) else {
+            let help = format!("its columns: {}", columns.names.join(", "));
+            return Err(mistake(format!("{} has no column `{name}` for this factor", path.display()), Some(help)));
+        };
+        const LARGEST_SEED: f64 = (1_u64 << 53) as f64;
+        let is_seed = |v: &f64| v.is_nan() || (0.0..=LARGEST_SEED).contains(v) && v.fract() == 0.0;
+        if let Some(wrong) = values.iter().find(|v| factor.each_link && !is_seed(v)) {
+            return Err(mistake(
+                format!("{}: the seed {wrong} is no whole number from 0 to 2^53", path.display()),
+                None,
+            ));
+        }
         chosen.push(values);
     }
     let row = |i: usize| chosen.iter().map(|values| values.get(i).copied().unwrap_or(f64::NAN)).collect();
@@ -197,7 +225,10 @@ pub(super) fn check_nominal(bound: &BoundStudy) -> Result<(), Failure> {
         let name = bound.drives.get(k).map_or("", |d| d.name.as_str());
         let found = bound.drive_of(&case).and_then(|drive| run_case(&drive, &bound.needs, bound.study.length, &shared));
         match found {
-            Ok(facts) => bound.check_responses(&facts).map_err(|report| Failure::Input(report.to_string()))?,
+            Ok(facts) => {
+                bound.check_responses(&facts).map_err(|report| Failure::Input(report.to_string()))?;
+                warn(&bound.missing(&case, &facts));
+            }
             Err(why) => {
                 return Err(Failure::Input(format!("`{name}` as it is, before anything is varied: {}", why.0)));
             }
@@ -215,7 +246,7 @@ pub(super) fn run_missing(
     stop: &AtomicBool,
     added: &mut dyn FnMut() -> anyhow::Result<()>,
 ) -> Result<(), Failure> {
-    let mut journal = folder.journal(shard).map_err(failure)?;
+    let mut journal = folder.journal(bound, shard).map_err(failure)?;
     let known = folder.done(bound, shard).map_err(failure)?;
     warn(&known.warnings);
     let missing: Vec<usize> =
@@ -320,9 +351,15 @@ pub(super) fn collect(args: &StudyArgs, bound: &BoundStudy, folder: &StudyFolder
         super::add_field(&mut value, "outputs", serde_json::json!(outputs));
         print_json(&value)?
     } else {
-        print_out(&text(bound, &summary, &args.study, &outputs))?
+        print_out(&text(bound, &summary, &record_command(&args.study, &folder.path), &outputs))?
     };
     Ok(if is_whole { told } else { Outcome::DataLost })
+}
+
+/// The command that records a case, but for the case.
+fn record_command(study: &Path, folder: &Path) -> String {
+    let (study, folder) = (quoted(&study.display().to_string()), quoted(&folder.display().to_string()));
+    format!("pitchline study {study} -o {folder} --record")
 }
 
 /// The tables and the report.
@@ -337,7 +374,7 @@ pub(super) fn write_results(
     write_table(&path("results.parquet"), ResultTable::Results, bound, rows)?;
     write_table(&path("results.csv"), ResultTable::Results, bound, rows)?;
     write_table(&path("timing.parquet"), ResultTable::Timing, bound, rows)?;
-    let page = crate::render::study::html(bound, rows, summary, &study.display().to_string());
+    let page = crate::render::study::html(bound, rows, summary, &record_command(study, &folder.path));
     crate::output::write(&path("report.html"), page.as_bytes())?;
     Ok(["results.parquet", "results.csv", "timing.parquet", "report.html"].map(path).to_vec())
 }
@@ -357,7 +394,8 @@ pub(super) fn status(args: &StudyArgs, bound: &BoundStudy, folder: &StudyFolder)
             "cases": bound.cases(),
             "done": found.rows.len(),
             "errors": errors,
-            "missing": missing,
+            "missing": missing.len(),
+            "missing_cases": ranges(&missing),
             "shards": shards.iter().map(|(name, (n, s))| serde_json::json!({"shard": name, "done": n, "case_s": s})).collect::<Vec<_>>(),
             "warnings": found.warnings,
         }));
@@ -400,6 +438,9 @@ fn record(args: &StudyArgs, bound: &BoundStudy, folder: &Path, number: usize) ->
             bound.cases().saturating_sub(1)
         )));
     }
+    if args.to.is_none() {
+        StudyFolder::open(folder, bound, FolderUse::GoOn, true).map_err(failure)?;
+    }
     let path = args.to.clone().unwrap_or_else(|| folder.join("recordings").join(format!("case-{number:06}.mcap")));
     super::run::check_recordings(std::slice::from_ref(&path), &[&args.study])?;
     if let Some(parent) = path.parent() {
@@ -437,10 +478,10 @@ fn number_text(value: Option<f64>) -> String {
 }
 
 /// The result in words.
-pub(super) fn text(bound: &BoundStudy, summary: &StudySummary, study: &Path, outputs: &[PathBuf]) -> String {
+fn text(bound: &BoundStudy, summary: &StudySummary, record: &str, outputs: &[PathBuf]) -> String {
     let mut text = format!("{}: {} of {} cases done ({})\n", summary.study, summary.done, summary.cases, summary.plan);
     for drive in &summary.drives {
-        text += &drive_text_of(bound, drive, study);
+        text += &drive_text_of(bound, drive, record);
     }
     text += "\n";
     for path in outputs {
@@ -449,9 +490,9 @@ pub(super) fn text(bound: &BoundStudy, summary: &StudySummary, study: &Path, out
     text
 }
 
-fn drive_text_of(bound: &BoundStudy, drive: &DriveResults, study: &Path) -> String {
+fn drive_text_of(bound: &BoundStudy, drive: &DriveResults, record: &str) -> String {
     let mut text = format!("\n{}: {} cases\n", drive.drive, drive.done);
-    if let Some(kept) = drive.keeps_all {
+    if let Some(kept) = drive.keeps_all.filter(|_| drive.done > 0) {
         let _infallible = writeln!(
             text,
             "  all bounds kept: {:.1} % of the cases (95 %: {:.1} to {:.1})",
@@ -461,7 +502,7 @@ fn drive_text_of(bound: &BoundStudy, drive: &DriveResults, study: &Path) -> Stri
         );
     }
     if drive.errors > 0 {
-        let _infallible = writeln!(text, "  {} cases broke down:", drive.errors);
+        let _infallible = writeln!(text, "  cases that broke down: {}", drive.errors);
         for (why, n) in drive.reasons.iter().take(REASONS) {
             let _infallible = writeln!(text, "    {n} x {why}");
         }
@@ -484,7 +525,7 @@ fn drive_text_of(bound: &BoundStudy, drive: &DriveResults, study: &Path) -> Stri
             bound_text(r)
         );
     }
-    for r in drive.responses.iter().filter(|r| !r.sensitivities.is_empty()) {
+    for r in drive.responses.iter().filter(|r| !r.sensitivities.is_empty() || r.left_out > 0) {
         text += &sensitivity_text(r);
     }
     let worst: Vec<_> = drive.worst.iter().take(WORST_SHOWN).collect();
@@ -499,7 +540,7 @@ fn drive_text_of(bound: &BoundStudy, drive: &DriveResults, study: &Path) -> Stri
             let _infallible = writeln!(text, "  {:>8}  {margin}", case.case);
         }
         let first = drive.worst.first().map_or(0, |c| c.case);
-        let _infallible = writeln!(text, "  record one: pitchline study {} --record {first}", study.display());
+        let _infallible = writeln!(text, "  record one: {record} {first}");
     }
     text
 }
@@ -543,7 +584,7 @@ fn bound_text(r: &ResponseSummary) -> String {
 fn sensitivity_text(r: &ResponseSummary) -> String {
     let mut text = format!("\n  what moves {}", r.name);
     if r.left_out > 0 {
-        let _infallible = write!(text, " ({} rows of the plan left out: a value is missing)", r.left_out);
+        let _infallible = write!(text, " (rows of the plan left out, because a value is missing: {})", r.left_out);
     }
     text += "\n";
     for s in &r.sensitivities {

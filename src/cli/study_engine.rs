@@ -2,6 +2,7 @@
 
 use super::study::{StudyArgs, failure, folder_path};
 use super::{Failure, Outcome, print_out};
+use crate::study::BUNDLED_STUDIES;
 use crate::study::bind::BoundStudy;
 use crate::study::engine::{BatchJob, BatchSystem};
 use crate::study::folder::{FolderUse, Shard, StudyFolder};
@@ -45,17 +46,36 @@ fn job(args: &StudyArgs, bound: &BoundStudy) -> Result<BatchJob, Failure> {
     };
     let program =
         std::env::current_exe().map_err(|e| Failure::World(format!("cannot tell where this program is: {e}")))?;
-    // A bundled study has no path.
-    let study = if args.study.exists() { absolute(&args.study)? } else { args.study.display().to_string() };
-    Ok(BatchJob {
+    let is_bundled = BUNDLED_STUDIES.iter().any(|(name, _)| Path::new(name) == args.study);
+    let study = if is_bundled { args.study.display().to_string() } else { absolute(&args.study)? };
+    let mut arguments: Vec<String> = args.other_build.then(|| "--other-build".to_string()).into_iter().collect();
+    arguments.extend(args.budget.map(|s| format!("--budget={s}s")));
+    let job = BatchJob {
         name: bound.study.name.clone(),
         program: absolute(&program)?,
         study,
         folder: absolute(&folder_path(args, bound))?,
         shards: args.engine.shards as usize,
         threads: args.threads.map_or(1, usize::from),
+        arguments,
         options: args.engine.options.clone(),
-    })
+    };
+    // Job scripts have an option a line, with paths in quotes.
+    let is_wrong = |text: &&String| text.contains(|c: char| c.is_control() || c == '"');
+    if let Some(text) = [&job.program, &job.study, &job.folder].into_iter().chain(&job.options).find(is_wrong) {
+        return Err(Failure::Input(format!(
+            "{text:?} holds a line end or a quotation mark, which job scripts do not bear"
+        )));
+    }
+    Ok(job)
+}
+
+/// The folder, with room for the engine's logs.
+fn folder(args: &StudyArgs, bound: &BoundStudy, wanted: FolderUse) -> Result<StudyFolder, Failure> {
+    let folder = StudyFolder::open(&folder_path(args, bound), bound, wanted, args.other_build).map_err(failure)?;
+    let log = folder.path.join("log");
+    std::fs::create_dir_all(&log).map_err(|e| Failure::World(format!("cannot make {}: {e}", log.display())))?;
+    Ok(folder)
 }
 
 /// Prints a job script.
@@ -65,6 +85,7 @@ pub(super) fn print_job(args: &StudyArgs, bound: &BoundStudy, engine: &str) -> R
     let Some((_, system, _)) = found else {
         return Err(Failure::Input(format!("`{engine}` is no engine with job scripts")));
     };
+    folder(args, bound, FolderUse::GoOn)?;
     print_out(&system.script(&job))
 }
 
@@ -72,9 +93,7 @@ pub(super) fn print_job(args: &StudyArgs, bound: &BoundStudy, engine: &str) -> R
 pub(super) fn submit(args: &StudyArgs, bound: &BoundStudy) -> Result<Outcome, Failure> {
     let job = job(args, bound)?;
     let wanted = if args.resume { FolderUse::GoOn } else { FolderUse::Begin };
-    let folder = StudyFolder::open(&folder_path(args, bound), bound, wanted, args.other_build).map_err(failure)?;
-    let log = folder.path.join("log");
-    std::fs::create_dir_all(&log).map_err(|e| Failure::World(format!("cannot make {}: {e}", log.display())))?;
+    let folder = folder(args, bound, wanted)?;
     if args.engine.engine == "ray" { with_ray(args, bound, &folder, &job) } else { with_slurm(args, &folder, &job) }
 }
 

@@ -4,7 +4,7 @@
 use super::escape;
 use crate::random::SplitMix;
 use crate::study::bind::BoundStudy;
-use crate::study::estimates::Estimate;
+use crate::study::estimates::IntervalEstimate;
 use crate::study::factor::{FactorCell, FactorValue};
 use crate::study::run::CaseRow;
 use crate::study::summary::{DriveResults, ResponseSummary, Sensitivity, StudySummary};
@@ -25,8 +25,8 @@ const GOOD: &str = "#1c6dd0";
 const BAD: &str = "#c92a2a";
 const GREY: &str = "#868e96";
 
-/// The whole page. `study`: path of the study file, for commands.
-pub fn html(bound: &BoundStudy, rows: &[&CaseRow], summary: &StudySummary, study: &str) -> String {
+/// The whole page. `record`: the command that records a case, but for the case.
+pub fn html(bound: &BoundStudy, rows: &[&CaseRow], summary: &StudySummary, record: &str) -> String {
     let title = if summary.title.is_empty() { &summary.study } else { &summary.title };
     let mut page = format!(
         "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>{0}</title><style>\
@@ -43,20 +43,20 @@ pub fn html(bound: &BoundStudy, rows: &[&CaseRow], summary: &StudySummary, study
     );
     for (k, drive) in summary.drives.iter().enumerate() {
         let own: Vec<&CaseRow> = rows.iter().copied().filter(|row| row.case.drive == k).collect();
-        page += &drive_section(bound, drive, &own, study);
+        page += &drive_section(bound, drive, &own, record);
     }
     let _infallible = writeln!(page, "<h2>The study</h2><pre>{}</pre></html>", escape(&bound.study.text));
     page
 }
 
-fn drive_section(bound: &BoundStudy, drive: &DriveResults, rows: &[&CaseRow], study: &str) -> String {
+fn drive_section(bound: &BoundStudy, drive: &DriveResults, rows: &[&CaseRow], record: &str) -> String {
     let mut page = format!("<h2>{}</h2>\n", escape(&drive.drive));
-    if let Some(kept) = drive.keeps_all {
+    if let Some(kept) = drive.keeps_all.filter(|_| drive.done > 0) {
         let _infallible =
             writeln!(page, "<p>All bounds are kept in <b>{}</b> of {} cases.</p>", percent(kept), drive.done);
     }
     if drive.errors > 0 {
-        let _infallible = writeln!(page, "<p class=\"no\">{} cases broke down:</p><ul>", drive.errors);
+        let _infallible = writeln!(page, "<p class=\"no\">Cases that broke down: {}</p><ul>", drive.errors);
         for (why, n) in drive.reasons.iter().take(10) {
             let _infallible = writeln!(page, "<li>{n} x {}</li>", escape(why));
         }
@@ -69,10 +69,10 @@ fn drive_section(bound: &BoundStudy, drive: &DriveResults, rows: &[&CaseRow], st
         page += &bars(response);
         page += &scatters(bound, response, rows, k);
     }
-    page + &worst(bound, drive, study)
+    page + &worst(bound, drive, record)
 }
 
-fn percent(share: Estimate) -> String {
+fn percent(share: IntervalEstimate) -> String {
     format!("{:.1} % ({:.1} to {:.1})", 100.0 * share.value, 100.0 * share.low, 100.0 * share.high)
 }
 
@@ -192,7 +192,7 @@ fn axis((low, high): (f64, f64), x: &dyn Fn(f64) -> f64, y: f64, name: &str) -> 
 /// Bars of a sensitivity, and its interval.
 struct SensitivityBars {
     heads: &'static [&'static str],
-    of: fn(&Sensitivity) -> Vec<Estimate>,
+    of: fn(&Sensitivity) -> Vec<IntervalEstimate>,
 }
 
 fn bars(r: &ResponseSummary) -> String {
@@ -211,7 +211,7 @@ fn bars(r: &ResponseSummary) -> String {
         (None, None, None) => None,
     };
     let Some(bars) = r.sensitivities.iter().find_map(kind) else { return String::new() };
-    let all: Vec<(&str, Vec<Estimate>)> =
+    let all: Vec<(&str, Vec<IntervalEstimate>)> =
         r.sensitivities.iter().map(|s| (s.factor.as_str(), (bars.of)(s))).filter(|(_, own)| !own.is_empty()).collect();
     let ends = all.iter().flat_map(|(_, own)| own).flat_map(|e| [e.low, e.high, e.value]).filter(|v| v.is_finite());
     let Some((low, high)) = range(ends.chain([0.0])) else { return String::new() };
@@ -255,7 +255,7 @@ fn bars(r: &ResponseSummary) -> String {
         &axis((low, high), &x, h - 32.0, &bars.heads.join(" (dark), ").replace("first order", "first order (light)"));
     let left_out = match r.left_out {
         0 => String::new(),
-        n => format!("<p class=\"no\">{n} rows of the plan are left out: a value is missing.</p>"),
+        n => format!("<p class=\"no\">Rows of the plan that are left out, because a value is missing: {n}.</p>"),
     };
     format!("{svg}</svg>{left_out}\n")
 }
@@ -334,8 +334,9 @@ fn scatter(name: &str, r: &ResponseSummary, points: &[(f64, f64)]) -> String {
     svg + &axis((low, high), &x, h - bottom, name) + "</svg>\n"
 }
 
-fn worst(bound: &BoundStudy, drive: &DriveResults, study: &str) -> String {
-    let mut page = String::from("<h3>The worst cases</h3><table><tr><th>case</th><th>margin</th>");
+fn worst(bound: &BoundStudy, drive: &DriveResults, record: &str) -> String {
+    let mut page =
+        String::from("<h3>The worst cases</h3><div style=\"overflow-x:auto\"><table><tr><th>case</th><th>margin</th>");
     for r in &bound.study.responses {
         let _infallible = write!(page, "<th>{}</th>", escape(&r.name));
     }
@@ -360,8 +361,7 @@ fn worst(bound: &BoundStudy, drive: &DriveResults, study: &str) -> String {
         for (_, value) in &case.factors {
             let _infallible = write!(page, "<td>{}</td>", escape(value));
         }
-        let _infallible =
-            writeln!(page, "<td><code>pitchline study {} --record {}</code></td></tr>", escape(study), case.case);
+        let _infallible = writeln!(page, "<td><code>{} {}</code></td></tr>", escape(record), case.case);
     }
-    page + "</table>\n"
+    page + "</table></div>\n"
 }

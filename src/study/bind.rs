@@ -4,7 +4,7 @@ use super::case::{CaseError, CaseFacts, CaseNeeds, is_known, number_at, paths};
 use super::design::{Design, StudyPlan};
 use super::factor::{Factor, FactorCell, FactorScale};
 use super::{Response, ResponseSource, SignalMeasure, Study, WORST_MARGIN};
-use crate::analysis::order_spectrum::{AngleRecord, spectrum};
+use crate::analysis::order_spectrum::{AngleRecord, SpectrumError, spectrum};
 use crate::compare::has_links_on_its_driver;
 use crate::diag::{Diag, Report, nearest};
 use crate::drive::Drive;
@@ -51,7 +51,18 @@ impl BoundStudy {
         let mut drives = Vec::new();
         let mut diags = Vec::new();
         for (name, (file, text)) in study.drives.iter().zip(texts) {
-            let nominal = Drive::parse(file, text, &study.set)?;
+            let nominal = match Drive::parse(file, text, &study.set) {
+                Ok(nominal) => nominal,
+                Err(_) if study.set.is_empty() || Drive::parse(file, text, &[]).is_err() => {
+                    return Err(Drive::parse(file, text, &[]).err().unwrap_or_else(|| study.places.report(Vec::new())));
+                }
+                Err(report) => {
+                    let told = |d: Diag| {
+                        study.places.error("set", format!("`set` does not fit `{name}`: {}", d.title), d.help)
+                    };
+                    return Err(study.places.report(report.diags.into_iter().map(told).collect()));
+                }
+            };
             let bases: Vec<Vec<f64>> = study
                 .factors
                 .iter()
@@ -81,7 +92,11 @@ impl BoundStudy {
         let design = Design::new(plan, &levels)
             .filter(|d| d.points().checked_mul(drives.len()).is_some_and(|n| n <= super::design::MOST_CASES));
         if design.is_none() {
-            diags.push(study.places.error("plan", "this plan has more than 2^31 cases".to_string(), None));
+            diags.push(study.places.error(
+                "plan",
+                format!("this plan has more than {} cases", super::design::MOST_CASES),
+                Some("split it into several studies".into()),
+            ));
         }
         let Some(design) = design.filter(|_| diags.is_empty()) else {
             return Err(study.places.report(diags));
@@ -240,6 +255,30 @@ impl BoundStudy {
         let diags: Vec<Diag> = self.study.responses.iter().filter(known).map(wrong).collect();
         if diags.is_empty() { Ok(()) } else { Err(self.study.places.report(diags)) }
     }
+
+    /// Responses that have no value here, each with the reason.
+    pub fn missing(&self, case: &CaseSpec, facts: &CaseFacts) -> Vec<String> {
+        let why = |response: &Response| match &response.source {
+            ResponseSource::Path(path) => format!("`{path}` could not be measured"),
+            ResponseSource::Formula(formula) => format!("`{}` has no finite value", formula.text),
+            ResponseSource::Signal(name, measure) => {
+                let at = self.needs.signals.iter().position(|s| s == name);
+                match (at.and_then(|k| facts.signals.get(k)).map(spectrum), measure) {
+                    (Some(Err(SpectrumError::Short { needed_s, .. })), SignalMeasure::Order(_)) => {
+                        format!("its spectrum takes runs of {:.1} ms", needed_s * 1e3)
+                    }
+                    (Some(Err(SpectrumError::Still)), SignalMeasure::Order(_)) => "the driver stands still".into(),
+                    (Some(Err(SpectrumError::Few(there, needed))), SignalMeasure::Order(_)) => {
+                        format!("its spectrum takes {needed} values, and there are {there}: make `every_us` smaller")
+                    }
+                    (Some(Err(_) | Ok(_)) | None, _) => format!("`{name}` has no value"),
+                }
+            }
+        };
+        let values = self.responses(case, facts);
+        let missing = self.study.responses.iter().zip(&values).filter(|(_, value)| value.is_none());
+        missing.map(|(r, _)| format!("response `{}` is missing for the drive as it is: {}", r.name, why(r))).collect()
+    }
 }
 
 /// What there is, by sections.
@@ -279,7 +318,8 @@ fn base(drive: &Drive, set: &[String], path: &str) -> f64 {
         return 0.0;
     }
     let given = set.iter().rev().filter_map(|s| s.split_once('=')).find(|(p, _)| p.trim() == path);
-    if let Some(value) = given.and_then(|(_, value)| value.trim().parse().ok()) {
+    let number = |text: &str| DocumentValue::from_toml(toml::de::DeValue::parse(text.trim()).ok()?.get_ref()).number();
+    if let Some(value) = given.and_then(|(_, value)| number(value)) {
         return value;
     }
     if let Some(value) = in_document(&drive.document, path) {
@@ -303,40 +343,62 @@ fn in_document(table: &DocumentTable, path: &str) -> Option<f64> {
     }
 }
 
-/// Sets every factor alone to the middle of its values, and tells what the drive says to that.
+/// Sets factors to their values, and tells what the drive says to that: a path that it does not have, a text in place of a number. Values
+/// that it cannot have in some cases are no mistake of the study: they become rows.
 fn check_factors(study: &Study, drive: &StudyDrive, diags: &mut Vec<Diag>) {
-    for (factor, bases) in study.factors.iter().zip(&drive.bases) {
-        let key = if factor.paths.len() > 1 { "paths" } else { "path" };
-        let at = format!("factors.{}.{key}", factor.name);
-        if factor.scale != FactorScale::Absolute
-            && let Some((path, _)) = factor.paths.iter().zip(bases).find(|(_, base)| base.is_nan())
-        {
-            let set: Vec<String> = study.set.iter().cloned().chain([format!("{path}=1")]).collect();
-            let first = match Drive::parse(&drive.nominal.name, &drive.nominal.text, &set) {
-                Err(report) => report.diags.into_iter().next().filter(|d| d.title.contains("no value")),
-                Ok(_) => None,
-            };
-            let (why, help) = match first {
-                Some(first) => (first.title, first.help),
+    let key =
+        |factor: &Factor| format!("factors.{}.{}", factor.name, if factor.paths.len() > 1 { "paths" } else { "path" });
+    let tried = |set: Vec<String>| -> Option<Diag> {
+        let all: Vec<String> = study.set.iter().cloned().chain(set).collect();
+        Drive::parse(&drive.nominal.name, &drive.nominal.text, &all).err()?.diags.into_iter().next()
+    };
+    let mut told = |factor: &Factor, why: String, help: Option<String>| {
+        let title = format!("factor `{}` does not fit `{}`: {why}", factor.name, drive.name);
+        diags.push(study.places.error(&key(factor), title, help));
+    };
+    let is_rows = matches!(study.plan, super::PlanSpec::File(_));
+    let own = || study.factors.iter().zip(&drive.bases);
+    let mut has_bases = true;
+    for (factor, bases) in own() {
+        let lacks = factor.paths.iter().zip(bases).find(|(_, base)| base.is_nan()).map(|(path, _)| path);
+        if let Some(path) = lacks.filter(|_| factor.scale != FactorScale::Absolute || is_rows) {
+            match tried(vec![format!("{path}=1")]).filter(|d| d.title.contains("no value")) {
+                Some(first) => told(factor, first.title, first.help),
+                None if factor.scale == FactorScale::Absolute => continue,
                 None => {
                     let help = "give the factor `low` and `high`, or `mean` and `sd`".to_string();
-                    (format!("it has no number `{path}` to vary about"), Some(help))
+                    told(factor, format!("it has no number `{path}` to vary about"), Some(help));
                 }
-            };
-            let title = format!("factor `{}` does not fit `{}`: {why}", factor.name, drive.name);
-            diags.push(study.places.error(&at, title, help));
-            continue;
+            }
+            has_bases = false;
         }
-        if matches!(study.plan, super::PlanSpec::File(_)) {
-            continue;
+    }
+    if is_rows || !has_bases {
+        return;
+    }
+    // All together first: some belong to each other, such as a link's number and its length.
+    let links = drive.nominal.links;
+    let at = |chosen: &str, u: f64| {
+        own()
+            .flat_map(|(f, bases)| f.overrides(if f.name == chosen { u } else { 0.5 }, bases, links))
+            .collect::<Vec<_>>()
+    };
+    if tried(at("", 0.5)).is_some() {
+        for (factor, bases) in own() {
+            if let Some(first) = tried(factor.overrides(0.5, bases, links)) {
+                told(factor, first.title, first.help);
+            }
         }
-        let set: Vec<String> =
-            study.set.iter().cloned().chain(factor.overrides(0.5, bases, drive.nominal.links)).collect();
-        if let Err(report) = Drive::parse(&drive.nominal.name, &drive.nominal.text, &set)
-            && let Some(first) = report.diags.first()
-        {
-            let title = format!("factor `{}` does not fit `{}`: {}", factor.name, drive.name, first.title);
-            diags.push(study.places.error(&at, title, first.help.clone()));
+        return;
+    }
+    for (factor, _) in own() {
+        for i in 0..factor.listed() {
+            let u = (i as f64 + 0.5) / factor.listed() as f64;
+            if let Some(first) =
+                tried(at(&factor.name, u)).filter(|d| d.title.contains("expected") || d.title.contains("is none of"))
+            {
+                told(factor, first.title, first.help);
+            }
         }
     }
 }
@@ -345,8 +407,12 @@ fn check_factors(study: &Study, drive: &StudyDrive, diags: &mut Vec<Diag>) {
 fn fingerprint(study: &Study, drives: &[StudyDrive], design: &Design) -> u64 {
     let own = |d: &StudyDrive| format!("{}\n{}\n", d.name, d.nominal.text);
     let mut text: String = drives.iter().map(own).collect();
-    text +=
-        &format!("{:?}\n{:?}\n{:?}\n{:?}\n{:?}\n", study.set, study.length, study.factors, design.plan(), study.goal);
+    // A search may go on for more generations; its bounds decide where it goes.
+    let goal = study.goal.as_ref().map(|g| (&g.formula, g.is_maximised, g.population, g.first_sd.to_bits(), g.seed));
+    text += &format!("{:?}\n{:?}\n{:?}\n{:?}\n{goal:?}\n", study.set, study.length, study.factors, design.plan());
+    if goal.is_some() {
+        text += &format!("{:?}\n", study.responses.iter().map(|r| (r.at_most, r.at_least)).collect::<Vec<_>>());
+    }
     for r in &study.responses {
         text += &format!("{} {:?}\n", r.name, r.source);
     }

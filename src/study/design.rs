@@ -17,7 +17,7 @@ use crate::random::SplitMix;
 pub enum StudyPlan {
     /// Every combination of the factors' levels.
     FullGrid,
-    /// All factors in the middle, then one by one at each of its levels.
+    /// The drive as it is, then the factors one by one at each of their levels.
     OneAtATime,
     LatinHypercube {
         cases: usize,
@@ -63,8 +63,8 @@ impl StudyPlan {
     }
 }
 
-/// Most cases of a study: their numbers fit 32 bits.
-pub const MOST_CASES: usize = 1 << 31;
+/// Most cases of a study: what a machine with 16 GB can collect, half a kilobyte each.
+pub const MOST_CASES: usize = 20_000_000;
 
 /// The points of a plan.
 #[derive(Clone, Debug)]

@@ -22,6 +22,8 @@ pub struct BatchJob {
     pub folder: String,
     pub shards: usize,
     pub threads: usize,
+    /// Further options of `study`, such as `--other-build`.
+    pub arguments: Vec<String>,
     /// Further options of the engine, a line each, such as `--time=02:00:00`.
     pub options: Vec<String>,
 }
@@ -39,29 +41,30 @@ impl BatchSystem {
             BatchSystem::Pbs => ("#PBS ", "$PBS_ARRAY_INDEX"),
         };
         let (n, threads, log) = (job.shards, job.threads, format!("{}/log", job.folder));
+        let name: String = job.name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
         let own = match self {
             BatchSystem::Slurm => vec![
-                format!("--job-name=pitchline-{}", job.name),
+                format!("--job-name=pitchline-{name}"),
                 format!("--array=1-{n}"),
                 format!("--cpus-per-task={threads}"),
                 "--requeue".into(),
                 "--open-mode=append".into(),
-                format!("--output={log}/%A_%a.txt"),
+                format!("--output=\"{log}/%A_%a.txt\""),
             ],
             BatchSystem::Lsf => vec![
-                format!("-J \"pitchline-{}[1-{n}]\"", job.name),
+                format!("-J \"pitchline-{name}[1-{n}]\""),
                 format!("-n {threads}"),
                 "-R \"span[hosts=1]\"".into(),
                 "-r".into(),
-                format!("-o {log}/%J_%I.txt"),
+                format!("-o \"{log}/%J_%I.txt\""),
             ],
             BatchSystem::Pbs => vec![
-                format!("-N pitchline-{}", job.name),
+                format!("-N pitchline-{name}"),
                 format!("-J 1-{n}"),
                 format!("-l select=1:ncpus={threads}"),
                 "-r y".into(),
                 "-j oe".into(),
-                format!("-o {log}"),
+                format!("-o \"{log}\""),
             ],
         };
         let mut text = String::from("#!/bin/bash\n");
@@ -70,10 +73,11 @@ impl BatchSystem {
         }
         let _infallible = writeln!(
             text,
-            "# A task that is killed or begun anew goes on from its journal.\nexec {} study {} -o {} --shard \"{index}/{n}\" --threads {threads}",
+            "# A task that is killed or begun anew goes on from its journal.\nexec {} study {} -o {} --shard \"{index}/{n}\" --threads {threads}{}",
             quoted(&job.program),
             quoted(&job.study),
-            quoted(&job.folder)
+            quoted(&job.folder),
+            job.arguments.iter().map(|a| format!(" {}", quoted(a))).collect::<String>()
         );
         text
     }
@@ -84,9 +88,9 @@ impl BatchJob {
     pub fn command(&self, shard: Shard) -> Vec<String> {
         let part = format!("{}/{}", shard.index, shard.count);
         let threads = self.threads.to_string();
-        [self.program.as_str(), "study", &self.study, "-o", &self.folder, "--shard", &part, "--threads", &threads]
-            .map(str::to_string)
-            .to_vec()
+        let words =
+            [self.program.as_str(), "study", &self.study, "-o", &self.folder, "--shard", &part, "--threads", &threads];
+        words.into_iter().map(str::to_string).chain(self.arguments.iter().cloned()).collect()
     }
 
     /// The command that writes the tables of all shards.
@@ -118,6 +122,7 @@ mod tests {
             folder: "/scratch/s".into(),
             shards: 7,
             threads: 2,
+            arguments: vec!["--other-build".into()],
             options: vec!["--time=02:00:00".into()],
         };
         let text = BatchSystem::Slurm.script(&job);
@@ -125,7 +130,7 @@ mod tests {
             "#SBATCH --array=1-7\n",
             "#SBATCH --time=02:00:00\n",
             "'/home/a b/it'\\''s.toml'",
-            "\"$SLURM_ARRAY_TASK_ID/7\"",
+            "\"$SLURM_ARRAY_TASK_ID/7\" --threads 2 --other-build\n",
         ] {
             assert!(text.contains(wanted), "{wanted}: {text}");
         }

@@ -11,7 +11,7 @@ use crate::random::SplitMix;
 
 /// A number with its 95 % interval.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct Estimate {
+pub struct IntervalEstimate {
     pub value: f64,
     pub low: f64,
     pub high: f64,
@@ -26,8 +26,8 @@ const Z: f64 = 1.959_963_984_540_054;
 /// Sensitivities of a response to a factor by Sobol'.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct SobolIndices {
-    pub first: Estimate,
-    pub total: Estimate,
+    pub first: IntervalEstimate,
+    pub total: IntervalEstimate,
 }
 
 /// Indices of every factor. Rows: values at A, at A_B^1 to A_B^k, and at B. None: fewer than two rows, or a response that never changes.
@@ -78,7 +78,7 @@ pub struct MorrisEffects {
     /// Mean.
     pub mu: f64,
     /// Mean of magnitudes.
-    pub mu_star: Estimate,
+    pub mu_star: IntervalEstimate,
     /// Standard deviation.
     pub sigma: f64,
 }
@@ -130,9 +130,9 @@ fn each_bootstrap(n: usize, mut with: impl FnMut(&[usize])) {
 }
 
 /// Percentiles of samples about a value.
-fn interval(value: f64, samples: &mut [f64]) -> Estimate {
+fn interval(value: f64, samples: &mut [f64]) -> IntervalEstimate {
     samples.sort_by(f64::total_cmp);
-    Estimate { value, low: quantile(samples, 0.025), high: quantile(samples, 0.975) }
+    IntervalEstimate { value, low: quantile(samples, 0.025), high: quantile(samples, 0.975) }
 }
 
 /// Quantile of sorted values, between two linearly; NaN of none.
@@ -145,18 +145,18 @@ pub fn quantile(sorted: &[f64], share: f64) -> f64 {
 }
 
 /// Share of `hits` among `n`, with Wilson's interval.
-pub fn wilson(hits: usize, n: usize) -> Estimate {
+pub fn wilson(hits: usize, n: usize) -> IntervalEstimate {
     if n == 0 {
-        return Estimate { value: f64::NAN, low: 0.0, high: 1.0 };
+        return IntervalEstimate { value: f64::NAN, low: 0.0, high: 1.0 };
     }
     let (share, n) = (hits as f64 / n as f64, n as f64);
     let centre = (share + Z * Z / (2.0 * n)) / (1.0 + Z * Z / n);
     let half = Z / (1.0 + Z * Z / n) * libm::sqrt(share * (1.0 - share) / n + Z * Z / (4.0 * n * n));
-    Estimate { value: share, low: (centre - half).max(0.0), high: (centre + half).min(1.0) }
+    IntervalEstimate { value: share, low: (centre - half).max(0.0), high: (centre + half).min(1.0) }
 }
 
 /// Rank correlation of pairs; None: fewer than five, or one of both never changes.
-pub fn rank_correlation(x: &[f64], y: &[f64]) -> Option<Estimate> {
+pub fn rank_correlation(x: &[f64], y: &[f64]) -> Option<IntervalEstimate> {
     let n = x.len();
     if n < 5 || n != y.len() {
         return None;
@@ -171,7 +171,7 @@ pub fn rank_correlation(x: &[f64], y: &[f64]) -> Option<Estimate> {
     let value = product(&a, &b) / scale;
     let half = Z * libm::sqrt((1.0 + 0.5 * value * value) / (n as f64 - 3.0));
     let z = libm::atanh(value.clamp(-1.0 + 1e-15, 1.0 - 1e-15));
-    Some(Estimate { value, low: libm::tanh(z - half), high: libm::tanh(z + half) })
+    Some(IntervalEstimate { value, low: libm::tanh(z - half), high: libm::tanh(z + half) })
 }
 
 /// Ranks from 0 on; equal values have the mean of theirs.

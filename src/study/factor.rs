@@ -1,6 +1,6 @@
 //! A factor: values of a drive that differ from case to case, and how a coordinate of the design becomes a value.
 
-use crate::random::{SplitMix, normal_quantile};
+use crate::random::{SplitMix, normal_quantile, normal_share};
 
 /// A value that a factor gives to the drive.
 #[derive(Clone, Debug, PartialEq)]
@@ -15,7 +15,7 @@ impl FactorValue {
     pub fn written(&self) -> String {
         match self {
             FactorValue::Number(x) => format!("{x}"),
-            FactorValue::Text(text) => format!("{:?}", text),
+            FactorValue::Text(text) => toml_edit::Value::from(text.as_str()).to_string(),
             FactorValue::Flag(flag) => format!("{flag}"),
         }
     }
@@ -101,7 +101,7 @@ impl Factor {
                 all.push(format!("{path}={}", self.value(u, *base).written()));
                 continue;
             }
-            let mut random = SplitMix(link_seed(u));
+            let mut random = SplitMix::of(&[link_seed(u), twox_hash::XxHash3_64::oneshot(self.name.as_bytes())]);
             let (table, _) = path.rsplit_once('.').unwrap_or((path, ""));
             for link in 0..links {
                 let name = format!("{}_{link}", self.name);
@@ -119,8 +119,12 @@ impl Factor {
         match (value.is_nan(), self.each_link) {
             (true, _) => FactorCell::Unset,
             (false, true) => FactorCell::Seed(value as u64),
-            (false, false) => FactorCell::Value(FactorValue::Number(value)),
+            (false, false) => FactorCell::Value(FactorValue::Number(self.rounded(value))),
         }
+    }
+
+    fn rounded(&self, value: f64) -> f64 {
+        if self.is_whole { libm::round(value) } else { value }
     }
 
     /// As [`Factor::overrides`], of a value that a table gives: that of the first path, or the seed of the links' random numbers.
@@ -131,6 +135,7 @@ impl Factor {
         if value.is_nan() {
             return Vec::new();
         }
+        let value = self.rounded(value);
         let first = bases.first().copied().unwrap_or(0.0);
         let own = |base: f64| match self.scale {
             FactorScale::Absolute => value,
@@ -154,16 +159,20 @@ impl Factor {
                     other @ (FactorValue::Text(_) | FactorValue::Flag(_)) => return other.clone(),
                 }
             }
-            Spread::Uniform { low, high, by_logarithm: false } => low + u * (high - low),
-            Spread::Uniform { low, high, by_logarithm: true } => low * libm::pow(high / low, u),
-            Spread::Normal { mean, sd } => mean + sd * normal_quantile(u).clamp(-CUT_SD, CUT_SD),
+            Spread::Uniform { low, high, by_logarithm: false } => (low + u * (high - low)).min(*high),
+            Spread::Uniform { low, high, by_logarithm: true } => (low * libm::pow(high / low, u)).min(*high),
+            Spread::Normal { mean, sd } => {
+                // What lies beyond is left out, and the rest takes its share.
+                let beyond = normal_share(-CUT_SD);
+                mean + sd * normal_quantile(beyond + u * (1.0 - 2.0 * beyond)).clamp(-CUT_SD, CUT_SD)
+            }
         };
         let number = match self.scale {
             FactorScale::Absolute => number,
             FactorScale::Added => base + number,
             FactorScale::Percent => base * (1.0 + number / 100.0),
         };
-        FactorValue::Number(if self.is_whole { libm::round(number) } else { number })
+        FactorValue::Number(self.rounded(number))
     }
 
     /// Coordinate of a level in a grid: an even share of a normal distribution, whose ends are not reached.
@@ -171,6 +180,14 @@ impl Factor {
         match self.spread {
             Spread::Normal { .. } => (u * (levels - 1) as f64 + 0.5) / levels as f64,
             Spread::Values(_) | Spread::Uniform { .. } => u,
+        }
+    }
+
+    /// Number of values that are listed one by one.
+    pub fn listed(&self) -> usize {
+        match &self.spread {
+            Spread::Values(values) => values.len(),
+            Spread::Uniform { .. } | Spread::Normal { .. } => 0,
         }
     }
 
@@ -208,7 +225,7 @@ mod tests {
         assert_eq!(percent.overrides_of_value(22.0, &[20.0, 40.0], 0), ["a.b=22"]);
         let normal = factor(Spread::Normal { mean: 1.0, sd: 0.5 }, FactorScale::Absolute);
         assert_eq!(normal.value(0.5, 0.0), FactorValue::Number(1.0));
-        assert_eq!(normal.value(1e-9, 0.0), FactorValue::Number(-1.0), "cut at four standard deviations");
+        assert_eq!(normal.value(0.0, 0.0), FactorValue::Number(-1.0), "cut at four standard deviations");
         let texts = factor(
             Spread::Values(vec![FactorValue::Text("min".into()), FactorValue::Text("max".into())]),
             FactorScale::Absolute,

@@ -75,6 +75,10 @@ pub enum FolderError {
         done: usize,
     },
     NoStudy(PathBuf),
+    /// What says whose it is cannot be read.
+    Damaged(PathBuf),
+    /// It is a file.
+    NoFolder(PathBuf),
     /// Another process writes there.
     Busy {
         what: String,
@@ -98,7 +102,7 @@ impl std::fmt::Display for FolderError {
             }
             FolderError::OtherStudy { path, name } => write!(
                 f,
-                "{} belongs to the study `{name}` as it was then: its factors, plan, responses, duration or drives were others\n\
+                "{} belongs to the study `{name}` as it was then: its factors, plan, responses, duration, drives or goal were others\n\
                  help: `-o` names another folder; {} has the study as it was",
                 path.display(),
                 path.join(STUDY_FILE).display()
@@ -117,6 +121,12 @@ impl std::fmt::Display for FolderError {
                 )
             }
             FolderError::NoStudy(path) => write!(f, "{} holds no study", path.display()),
+            FolderError::Damaged(path) => write!(
+                f,
+                "{} is damaged, and nothing else says whose results these are\nhelp: `-o` names another folder",
+                path.display()
+            ),
+            FolderError::NoFolder(path) => write!(f, "{} is a file, not a folder", path.display()),
             FolderError::Busy { what } => write!(f, "another process {what}; nothing was changed"),
             FolderError::Io { path, error } => {
                 write!(
@@ -185,6 +195,9 @@ impl StudyFolder {
             program: format!("{:016x}", program_hash()),
             version: env!("CARGO_PKG_VERSION").into(),
         };
+        if path.exists() && !path.is_dir() {
+            return Err(FolderError::NoFolder(path.into()));
+        }
         match folder.mark()? {
             Some(mark) if mark.fingerprint != own.fingerprint => {
                 return Err(FolderError::OtherStudy { path: path.into(), name: mark.study });
@@ -213,7 +226,7 @@ impl StudyFolder {
     fn mark(&self) -> Result<Option<StudyMark>, FolderError> {
         let path = self.path.join(STUDY_MARK);
         match std::fs::read(&path) {
-            Ok(bytes) => serde_json::from_slice(&bytes).map(Some).map_err(|_| FolderError::NotOurs(self.path.clone())),
+            Ok(bytes) => serde_json::from_slice(&bytes).map(Some).map_err(|_| FolderError::Damaged(path)),
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(None),
             Err(error) => Err(FolderError::Io { path, error }),
         }
@@ -221,18 +234,38 @@ impl StudyFolder {
 
     /// Makes the folder what it is.
     fn found(&self, bound: &BoundStudy, mark: &StudyMark) -> Result<(), FolderError> {
-        let is_used = std::fs::read_dir(&self.path).is_ok_and(|mut entries| entries.next().is_some());
-        // Shards that begin together may each find the others' first files.
-        if is_used && !self.path.join(STUDY_FILE).exists() {
-            return Err(FolderError::NotOurs(self.path.clone()));
+        // Shards that begin together each find the others' first files; a case that was recorded, and engines, leave folders.
+        let is_known = |name: &str| {
+            [
+                "drives",
+                "log",
+                "recordings",
+                "collect.lock",
+                STUDY_FILE,
+                STUDY_MARK,
+                "job.slurm",
+                "ray.json",
+                "pitchline_ray.py",
+            ]
+            .contains(&name)
+                || name.starts_with('.')
+        };
+        let entries = std::fs::read_dir(&self.path).into_iter().flatten().flatten();
+        let names: Vec<String> = entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+        if names.iter().any(|name| !is_known(name)) {
+            // Another shard may have made the folder what it is meanwhile; else nobody knows whose results these are.
+            return match self.mark()? {
+                Some(there) if there.fingerprint == mark.fingerprint => Ok(()),
+                Some(_) | None => Err(FolderError::NotOurs(self.path.clone())),
+            };
         }
         std::fs::create_dir_all(self.path.join("drives")).map_err(self.io("drives"))?;
         let write = |name: &str, text: &str| {
             crate::output::write(&self.path.join(name), text.as_bytes()).map_err(FolderError::Output)
         };
         write(STUDY_FILE, &bound.study.text)?;
-        for drive in &bound.drives {
-            write(&format!("drives/{}.toml", drive.nominal.name), &drive.nominal.text)?;
+        for (k, drive) in bound.drives.iter().enumerate() {
+            write(&format!("drives/{k}-{}.toml", drive.nominal.name), &drive.nominal.text)?;
         }
         let text = serde_json::to_string_pretty(mark).unwrap_or_default();
         write(STUDY_MARK, &(text + "\n"))
@@ -286,18 +319,19 @@ impl StudyFolder {
             if broken > 0 {
                 found.warnings.push(damaged(&name, broken));
             }
-            for line in lines {
-                let Some(row) = row_of(bound, &line, shard) else {
-                    found.warnings.push(format!("{name}: case {} is none of this study's", line.case));
-                    continue;
-                };
-                match found.rows.get(&line.case) {
+            let rows: Vec<CaseRow> = lines.iter().filter_map(|line| row_of(bound, line, shard)).collect();
+            if rows.len() < lines.len() {
+                let others = lines.len() - rows.len();
+                found.warnings.push(format!("{name}: {others} lines are of another study, and are left out"));
+            }
+            for row in rows {
+                match found.rows.get(&row.case.number) {
                     Some(known) if !known.is_same(&row) => found.warnings.push(format!(
                         "case {} has one result in shard {} and another in shard {shard}: another machine or build ran it; the first is taken",
-                        line.case, known.shard
+                        row.case.number, known.shard
                     )),
                     Some(_) => {}
-                    None => drop(found.rows.insert(line.case, row)),
+                    None => drop(found.rows.insert(row.case.number, row)),
                 }
             }
         }
@@ -308,7 +342,7 @@ impl StudyFolder {
     ///
     /// # Errors
     /// Another process has it, or it cannot be written.
-    pub fn journal(&self, shard: Shard) -> Result<Journal, FolderError> {
+    pub fn journal(&self, bound: &BoundStudy, shard: Shard) -> Result<CaseJournal, FolderError> {
         let name = format!("shard-{}.rows", shard.name());
         let path = self.path.join(&name);
         let io = self.io(&name);
@@ -322,7 +356,7 @@ impl StudyFolder {
             file.set_len(whole as u64).map_err(&io)?;
         }
         file.seek(SeekFrom::End(0)).map_err(&io)?;
-        Ok(Journal { path, file, synced: Instant::now() })
+        Ok(CaseJournal { study: format!("{:016x}", bound.fingerprint), path, file, synced: Instant::now() })
     }
 
     /// Held while the tables of all shards are written.
@@ -349,6 +383,8 @@ fn locked(file: &File, path: &Path, what: String) -> Result<(), FolderError> {
 /// A case in a journal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct JournalLine {
+    /// Fingerprint of the study.
+    study: String,
     case: usize,
     /// Only of a search, whose points do not follow from their numbers.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -390,6 +426,9 @@ fn number_of(bits: &str) -> Option<f64> {
 }
 
 fn row_of(bound: &BoundStudy, line: &JournalLine, shard: &str) -> Option<CaseRow> {
+    if line.study != format!("{:016x}", bound.fingerprint) {
+        return None;
+    }
     let case = match (&line.point, bound.design.plan() == &StudyPlan::Search) {
         (Some(point), true) => {
             let point: Vec<f64> = point.iter().map(|x| number_of(x)).collect::<Option<_>>()?;
@@ -417,7 +456,8 @@ fn row_of(bound: &BoundStudy, line: &JournalLine, shard: &str) -> Option<CaseRow
 }
 
 /// A journal that is being appended to.
-pub struct Journal {
+pub struct CaseJournal {
+    study: String,
     path: PathBuf,
     file: File,
     synced: Instant,
@@ -426,13 +466,14 @@ pub struct Journal {
 /// Time between two syncs to the disk: what a machine that loses its power may lose; a program that is killed loses nothing.
 const SYNC_EVERY: Duration = Duration::from_secs(1);
 
-impl Journal {
+impl CaseJournal {
     /// Adds a case.
     ///
     /// # Errors
     /// The disk is full, or gone.
     pub fn add(&mut self, row: &CaseRow, is_search: bool) -> Result<(), FolderError> {
         let line = JournalLine {
+            study: self.study.clone(),
             case: row.case.number,
             point: is_search.then(|| row.case.point.iter().map(|x| bits_of(*x)).collect()),
             responses: row.responses.iter().map(|v| v.map(bits_of)).collect(),
@@ -482,6 +523,7 @@ mod tests {
     fn a_journal_that_is_cut_off_or_damaged_loses_only_those_lines() {
         let line = |case: usize| {
             let own = JournalLine {
+                study: "0".into(),
                 case,
                 point: None,
                 responses: vec![Some(bits_of(0.1)), None],

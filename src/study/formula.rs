@@ -23,7 +23,7 @@ impl MakeOperators<f64> for FormulaOperators {
             two(">=", 2, false, |a, b| known(a, b, a >= b)),
             two("*", 4, true, |a, b| a * b),
             two("/", 5, false, |a, b| a / b),
-            two("^", 6, false, libm::pow),
+            two("^", 6, false, |a, b| if a.is_nan() || b.is_nan() { f64::NAN } else { libm::pow(a, b) }),
             two("min", 7, true, |a, b| if a.is_nan() || b.is_nan() { f64::NAN } else { a.min(b) }),
             two("max", 7, true, |a, b| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) }),
         ];
@@ -51,6 +51,32 @@ fn known(a: f64, b: f64, is: bool) -> f64 {
     }
 }
 
+/// Functions and numbers that have names.
+pub const FORMULA_WORDS: [&str; 8] = ["min", "max", "abs", "sqrt", "exp", "log", "log10", "pi"];
+
+/// Names in braces, as exmex takes any text: otherwise it reads `max_force` as `max` of `_force`.
+fn with_names_marked(text: &str) -> String {
+    let (mut out, mut rest) = (String::new(), text);
+    while let Some(c) = rest.chars().next() {
+        let is_word = c.is_alphabetic() || c == '_';
+        let is_number = c.is_ascii_digit() || c == '.';
+        let ends = |(i, c): &(usize, char)| {
+            let before = rest.get(..*i).unwrap_or_default();
+            let is_sign_of_exponent = matches!(c, '+' | '-') && is_number && before.ends_with(['e', 'E']);
+            !(c.is_alphanumeric() || *c == '_' || is_number && *c == '.' || is_sign_of_exponent)
+        };
+        let end = match is_word || is_number {
+            true => rest.char_indices().find(ends).map_or(rest.len(), |(i, _)| i),
+            false => c.len_utf8(),
+        };
+        let (word, after) = rest.split_at(end);
+        let is_name = is_word && !FORMULA_WORDS.contains(&word);
+        out += &if is_name { format!("{{{word}}}") } else { word.to_string() };
+        rest = after;
+    }
+    out
+}
+
 /// A formula that was parsed.
 #[derive(Clone)]
 pub struct Formula {
@@ -75,9 +101,14 @@ impl Formula {
     /// # Errors
     /// It is no formula: why, in a sentence.
     pub fn parse(text: &str) -> Result<Formula, String> {
-        match FlatEx::parse(text) {
-            Ok(parsed) => Ok(Formula { text: text.to_string(), parsed: Box::new(parsed) }),
-            Err(e) => Err(format!("`{text}` is no formula: {e}")),
+        // exmex speaks of its own parts; what a user can see is where the formula does not go on.
+        match FlatEx::parse(&with_names_marked(text)) {
+            Ok(parsed) if !text.contains(['{', '}']) => {
+                Ok(Formula { text: text.to_string(), parsed: Box::new(parsed) })
+            }
+            Ok(_) | Err(_) => {
+                Err(format!("`{text}` is no formula: an operand, an operator or a bracket is missing or too much"))
+            }
         }
     }
 
@@ -107,6 +138,8 @@ mod tests {
         let value = |name: &str| match name {
             "a" => 3.0,
             "b" => -2.0,
+            "max_force" => 5.0,
+            "log10_of" => 7.0,
             _ => f64::NAN,
         };
         Formula::parse(text).expect("a formula").value(value)
@@ -127,10 +160,11 @@ mod tests {
             ("1 + 1 < 3 && 2 * 2 >= 4", 1.0),
             ("1e3 * 2.5E-3", 2.5),
             ("2.*.5-1", 0.0),
+            ("max_force + max(log10_of, 1e-1) * 2", 19.0),
         ] {
             assert_eq!(of(text), value, "{text}");
         }
-        assert!(of("c > 1").is_nan() && of("max(c, 1)").is_nan());
+        assert!(of("c > 1").is_nan() && of("max(c, 1)").is_nan() && of("c ^ 0").is_nan());
         assert!(Formula::parse("a +* ").is_err() && Formula::parse("(a").is_err());
     }
 }

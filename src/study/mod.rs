@@ -37,9 +37,10 @@ use factor::Factor;
 use formula::Formula;
 
 /// Studies that the program carries: names and files.
-pub const BUNDLED_STUDIES: [(&str, &str); 2] = [
+pub const BUNDLED_STUDIES: [(&str, &str); 3] = [
     ("smartchain-margins", include_str!("../../assets/studies/smartchain-margins.toml")),
     ("smartchain-tolerances", include_str!("../../assets/studies/smartchain-tolerances.toml")),
+    ("smartchain-tolerances-99", include_str!("../../assets/studies/smartchain-tolerances-99.toml")),
 ];
 
 /// A checked study file.

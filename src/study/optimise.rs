@@ -90,7 +90,7 @@ impl<'a> Search<'a> {
     pub fn value(&self, rows: &[CaseRow]) -> f64 {
         let own = |row: &CaseRow| {
             let value = self.goal.formula.value(|name| self.bound.named(name, &row.case, &row.responses));
-            match (row.error.is_some(), self.goal.is_maximised) {
+            match (row.error.is_some() || !value.is_finite(), self.goal.is_maximised) {
                 (true, _) => f64::NAN,
                 (false, true) => -value,
                 (false, false) => value,

@@ -3,7 +3,7 @@
 use super::case::CaseLength;
 use super::design::{MOST_CASES, StudyPlan};
 use super::factor::{Factor, FactorScale, FactorValue, Spread};
-use super::formula::Formula;
+use super::formula::{FORMULA_WORDS, Formula};
 use super::sobol::MOST_DIMENSIONS;
 use super::{Goal, KeepSpec, PlanSpec, Response, ResponseSource, SignalMeasure, Study, WORST_MARGIN};
 use crate::drive::document::DocumentValue;
@@ -30,6 +30,18 @@ pub(super) fn study(root: &TomlTable<'_>) -> Study {
     };
     let factors: Vec<Factor> = root.table("factors").tables().iter().map(|(name, t)| factor(name, t)).collect();
     let responses = responses(root, &factors);
+    let mut columns: Vec<String> =
+        factors.iter().map(|f| if f.each_link { format!("{}_seed", f.name) } else { f.name.clone() }).collect();
+    columns.extend(responses.iter().map(|r| r.name.clone()));
+    columns.iter_mut().for_each(|name| name.make_ascii_lowercase());
+    columns.sort();
+    if let Some(name) = columns.windows(2).find(|pair| pair.first() == pair.last()).and_then(|pair| pair.first()) {
+        root.error_at(
+            "responses",
+            format!("two columns of the results are called `{name}`, but for large and small letters"),
+            None,
+        );
+    }
     let goal = goal(root, &factors, &responses);
     let plan = plan(root, &factors, goal.is_some());
     let keep = keep(root, &factors, &responses);
@@ -45,14 +57,13 @@ fn check_name(name: &str, table: &TomlTable<'_>) {
         let help = "names of factors and responses have letters, digits and `_`: formulas use them".to_string();
         table.error(format!("`{name}` is no name"), Some(help));
     }
-    if RESERVED.contains(&name) {
+    if RESERVED.iter().chain(&FORMULA_WORDS).any(|word| word.eq_ignore_ascii_case(name)) {
         table.error(format!("`{name}` is the name of a column, a function or a number of formulas"), None);
     }
 }
 
 /// Names that columns and formulas have already.
-const RESERVED: [&str; 12] =
-    ["case", "drive", "state_hash", "error", WORST_MARGIN, "min", "max", "abs", "sqrt", "exp", "log", "pi"];
+const RESERVED: [&str; 5] = ["case", "drive", "state_hash", "error", WORST_MARGIN];
 
 fn factor(name: &str, table: &TomlTable<'_>) -> Factor {
     check_name(name, table);
@@ -266,11 +277,15 @@ fn goal(root: &TomlTable<'_>, factors: &[Factor], responses: &[Response]) -> Opt
     }
     let text = table.text(key).unwrap_or_else(|| "0".into());
     let formula = formula(&table, key, &text, known);
+    let asks_margin = formula.as_ref().is_some_and(|f| f.names().any(|name| name == WORST_MARGIN));
+    if asks_margin && !responses.iter().any(Response::has_bound) {
+        table.error_at(key, format!("`{WORST_MARGIN}` needs a response with `at_most` or `at_least`"), None);
+    }
     let goal = Goal {
         is_maximised: key == "maximise",
         population: table.integer("population", 4..=10_000).map(|n| n as usize),
         generations: table.integer("generations", 1..=100_000).unwrap_or(50) as usize,
-        first_sd: table.number("first_sd", 1.0, 1e-6..=1.0).unwrap_or(0.3),
+        first_sd: table.number("first_sd", 1.0, 0.01..=1.0).unwrap_or(0.3),
         seed: seed(&table),
         formula: formula?,
     };
@@ -297,6 +312,9 @@ fn plan(root: &TomlTable<'_>, factors: &[Factor], is_search: bool) -> PlanSpec {
     let all = table.tables();
     let [(name, own)] = all.as_slice() else {
         if is_search && all.is_empty() {
+            if factors.is_empty() {
+                root.error_at("factors", "the search has no factor".into(), Some("add `[factors.load]`".into()));
+            }
             return PlanSpec::Design(StudyPlan::Search);
         }
         let help = "one of `[plan.full_grid]`, `[plan.one_at_a_time]`, `[plan.latin_hypercube]`, `[plan.sobol]`, `[plan.random]`, `[plan.morris]`, \

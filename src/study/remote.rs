@@ -100,7 +100,8 @@ impl RemoteFolder {
             let path = from.join(name);
             let bytes = std::fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
             let mode = self.versions.get(name).map_or(PutMode::Create, |seen| PutMode::Update(seen.clone()));
-            let put = self.store.put_opts(&self.key(name), PutPayload::from(bytes), mode.into());
+            let key = self.key(name);
+            let put = self.store.put_opts(&key, PutPayload::from(bytes), mode.into());
             match self.runtime.block_on(put) {
                 Ok(put) => drop(self.versions.insert(name.clone(), put.into())),
                 Err(object_store::Error::AlreadyExists { .. } | object_store::Error::Precondition { .. }) => {

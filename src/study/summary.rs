@@ -3,7 +3,7 @@
 use super::bind::BoundStudy;
 use super::design::StudyPlan;
 use super::estimates::{
-    Estimate, MorrisEffects, SobolIndices, morris_effects, quantile, rank_correlation, sobol_indices, wilson,
+    IntervalEstimate, MorrisEffects, SobolIndices, morris_effects, quantile, rank_correlation, sobol_indices, wilson,
 };
 use super::factor::{FactorCell, FactorValue};
 use super::run::CaseRow;
@@ -32,7 +32,7 @@ pub struct DriveResults {
     pub errors: usize,
     pub reasons: Vec<(String, usize)>,
     /// Share of the cases that keep all bounds; those that broke down do not. None: no response has a bound.
-    pub keeps_all: Option<Estimate>,
+    pub keeps_all: Option<IntervalEstimate>,
     pub responses: Vec<ResponseSummary>,
     /// By their smallest margins, or without bounds by the first response, the largest first.
     pub worst: Vec<WorstCase>,
@@ -54,7 +54,7 @@ pub struct ResponseSummary {
     pub at_most: Option<f64>,
     pub at_least: Option<f64>,
     /// Share of the cases that do not keep its bounds.
-    pub fails: Option<Estimate>,
+    pub fails: Option<IntervalEstimate>,
     pub sensitivities: Vec<Sensitivity>,
     /// Rows or trajectories of the plan that were left out because a value is missing.
     pub left_out: usize,
@@ -70,7 +70,7 @@ pub struct Sensitivity {
     pub morris: Option<MorrisEffects>,
     /// None: its values have no order.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub rank_correlation: Option<Estimate>,
+    pub rank_correlation: Option<IntervalEstimate>,
 }
 
 impl Sensitivity {
