@@ -74,7 +74,7 @@ fn table(folder: &Path, study: &str) -> (Vec<u8>, Vec<u8>) {
     (at("results.parquet"), at("results.csv"))
 }
 
-/// One thread, two threads, three shards, and a run that is killed again and again give the same bytes.
+/// One thread, two threads, seven shards, and a run that is killed again and again give the same bytes.
 #[test]
 fn the_table_is_the_same_however_the_study_is_run() {
     let folder = folder_with(STUDY);
@@ -88,8 +88,8 @@ fn the_table_is_the_same_however_the_study_is_run() {
     assert_eq!(pitchline(at, &["study", "s.toml", "-o", "two", "--threads", "2"]).status.code(), Some(0));
     assert_eq!(table(at, "two"), wanted, "two threads");
     // All at once, into a folder that none of them finds.
-    let shards: Vec<_> = [2, 3, 1]
-        .map(|index| command(at, &["study", "s.toml", "-o", "three", "--shard", &format!("{index}/3")]).spawn())
+    let shards: Vec<_> = [2, 3, 1, 7, 4, 6, 5]
+        .map(|index| command(at, &["study", "s.toml", "-o", "seven", "--shard", &format!("{index}/7")]).spawn())
         .into_iter()
         .map(|child| child.expect("it starts"))
         .collect();
@@ -97,9 +97,9 @@ fn the_table_is_the_same_however_the_study_is_run() {
         let out = child.wait_with_output().expect("it ends");
         assert_eq!(out.status.code(), Some(0), "{}", said(&out));
     }
-    assert!((1..=3).all(|index| at.join(format!("three/shard-{index}-of-3.parquet")).exists()));
-    assert_eq!(pitchline(at, &["study", "s.toml", "-o", "three", "--collect"]).status.code(), Some(0));
-    assert_eq!(table(at, "three"), wanted, "three shards");
+    assert!((1..=7).all(|index| at.join(format!("seven/shard-{index}-of-7.parquet")).exists()));
+    assert_eq!(pitchline(at, &["study", "s.toml", "-o", "seven", "--collect"]).status.code(), Some(0));
+    assert_eq!(table(at, "seven"), wanted, "seven shards");
     for _ in 0..3 {
         let mut child =
             command(at, &["study", "s.toml", "-o", "killed", "--resume", "--threads", "1"]).spawn().expect("it starts");
