@@ -114,7 +114,7 @@ fn with_slurm(args: &StudyArgs, folder: &StudyFolder, job: &BatchJob) -> Result<
     crate::output::write(&script, BatchSystem::Slurm.script(job).as_bytes())?;
     let help = "SLURM's client is needed here (Debian: apt install slurm-client); `--print-job slurm` prints the job for another machine";
     let id = output_of(Command::new("sbatch").arg("--parsable").arg(&script), help)?;
-    // Of a federation the cluster's name follows.
+    // Where several clusters are federated, sbatch prints the cluster's name behind the number.
     let id = id.split(';').next().unwrap_or_default().to_string();
     let log = format!("{}/log/collect_%j.txt", job.folder);
     let mut collect = Command::new("sbatch");

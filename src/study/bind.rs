@@ -27,7 +27,7 @@ pub struct BoundStudy {
     pub drives: Vec<StudyDrive>,
     pub design: Design,
     pub needs: CaseNeeds,
-    /// Of everything that the results depend on, but the program.
+    /// Hash of everything that the results depend on, except the program itself.
     pub fingerprint: u64,
 }
 

@@ -61,6 +61,21 @@ impl StudyPlan {
             StudyPlan::Search => "search",
         }
     }
+
+    /// Dimensions and seed of the Sobol' sequence that the plan takes for `k` factors; None: it takes no sequence.
+    pub fn sequence_of(&self, k: usize) -> Option<(usize, u64)> {
+        match *self {
+            StudyPlan::Sobol { seed, .. } => Some((k, seed)),
+            StudyPlan::Saltelli { seed, .. } => Some((2 * k, seed)),
+            StudyPlan::FullGrid
+            | StudyPlan::OneAtATime
+            | StudyPlan::LatinHypercube { .. }
+            | StudyPlan::Random { .. }
+            | StudyPlan::Morris { .. }
+            | StudyPlan::Rows(_)
+            | StudyPlan::Search => None,
+        }
+    }
 }
 
 /// Most cases of a study: what a machine with 16 GB can collect, half a kilobyte each.
@@ -94,17 +109,7 @@ impl Design {
             StudyPlan::Search => Some(0),
         };
         let points = points.filter(|n| *n <= MOST_CASES)?;
-        let sequence = match plan {
-            StudyPlan::Sobol { seed, .. } => Some(SobolSequence::new(k, Some(seed))),
-            StudyPlan::Saltelli { seed, .. } => Some(SobolSequence::new(2 * k, Some(seed))),
-            StudyPlan::FullGrid
-            | StudyPlan::OneAtATime
-            | StudyPlan::LatinHypercube { .. }
-            | StudyPlan::Random { .. }
-            | StudyPlan::Morris { .. }
-            | StudyPlan::Rows(_)
-            | StudyPlan::Search => None,
-        };
+        let sequence = plan.sequence_of(k).map(|(dimensions, seed)| SobolSequence::new(dimensions, Some(seed)));
         let shares = match plan {
             StudyPlan::LatinHypercube { cases, seed } => (0..k).map(|factor| shuffled(cases, seed, factor)).collect(),
             StudyPlan::FullGrid

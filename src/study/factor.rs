@@ -76,7 +76,7 @@ pub enum FactorCell {
     /// The drive's own value.
     Unset,
     Value(FactorValue),
-    /// Of the random numbers, one a link.
+    /// Seed from which the random numbers of all links follow.
     Seed(u64),
 }
 

@@ -368,17 +368,7 @@ fn plan(root: &TomlTable<'_>, factors: &[Factor], is_search: bool) -> PlanSpec {
             return PlanSpec::Design(StudyPlan::FullGrid);
         }
     };
-    let dimensions = match plan {
-        StudyPlan::Sobol { .. } => factors.len(),
-        StudyPlan::Saltelli { .. } => 2 * factors.len(),
-        StudyPlan::FullGrid
-        | StudyPlan::OneAtATime
-        | StudyPlan::LatinHypercube { .. }
-        | StudyPlan::Random { .. }
-        | StudyPlan::Morris { .. }
-        | StudyPlan::Rows(_)
-        | StudyPlan::Search => 0,
-    };
+    let dimensions = plan.sequence_of(factors.len()).map_or(0, |(dimensions, _)| dimensions);
     if dimensions > MOST_DIMENSIONS {
         own.error(
             format!("this plan takes {dimensions} dimensions of a Sobol' sequence; there are {MOST_DIMENSIONS}"),

@@ -22,7 +22,7 @@ pub struct StudySummary {
     pub drives: Vec<DriveResults>,
 }
 
-/// Of one drive.
+/// What the cases of one drive say.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct DriveResults {
     pub drive: String,
@@ -38,7 +38,7 @@ pub struct DriveResults {
     pub worst: Vec<WorstCase>,
 }
 
-/// Of one response.
+/// How the values of one response are distributed, and what moves them.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct ResponseSummary {
     pub name: String,
