@@ -80,12 +80,7 @@ pub fn run_case(
     let span = RunLength::new(length.duration_s, length.every_s, model.step_s);
     let mut header = capture::header(drive, &model, &report, span.steps_per_frame);
     header.ledger_origin = Some(capture::ledger_at(&model, &state).map_err(|e| CaseError(e.to_string()))?);
-    let mut recorders = Vec::new();
-    for name in &needs.signals {
-        let signal = Signal::find(name, &header)
-            .map_err(|e| CaseError(e.to_string().replace("\nhelp:", ";").replace("recording", "drive")))?;
-        recorders.push(AngleRecorder::new(signal, &header));
-    }
+    let mut recorders = recorders(&needs.signals, &header)?;
     let mut scratch = Scratch::new(&model);
     let mut camera = Camera::since(header.ledger_origin);
     let mut driver = needs.compare.then(|| DriverWatch::new(&model));
@@ -149,6 +144,16 @@ pub fn run_case(
     }
     let signals = recorders.into_iter().map(|r| r.finish(&header)).collect();
     Ok(CaseFacts { tree: Value::Object(tree), signals, state_hash: state.hash() })
+}
+
+/// A recorder for each signal.
+fn recorders(signals: &[String], header: &Header) -> Result<Vec<AngleRecorder>, CaseError> {
+    let of = |name: &String| {
+        let signal = Signal::find(name, header)
+            .map_err(|e| CaseError(e.to_string().replace("\nhelp:", ";").replace("recording", "drive")))?;
+        Ok(AngleRecorder::new(signal, header))
+    };
+    signals.iter().map(of).collect()
 }
 
 /// Impacts of the whole run, over all bodies and for each.
