@@ -15,7 +15,7 @@ mod start;
 pub use report::{
     AssemblyError, AssemblyReport, ChainPreload, MovedAxis, RestingArm, RestingSlider, SpanReport, ValveReport,
 };
-pub use shared::SharedLoops;
+pub use shared::SharedParts;
 pub use start::resting_state;
 use start::{moving_state, wrap_angles};
 
@@ -25,7 +25,7 @@ use crate::geometry::{Vec2, cross, rotated, unit};
 use crate::integrate::explicit::{self, RunIn, Scratch};
 use crate::integrate::step_bound::{StepBound, default_step, step_bound};
 use crate::integrate::{Isa, StepError};
-use crate::model::{ArmModel, Model, PlacedDrive, SpanTerms, place};
+use crate::model::{ArmModel, Model, PlacedDrive, Profiles, SpanTerms, close, place};
 use crate::pairs::part_part::{Touch, TouchShape};
 use crate::state::{FAR_AWAY_M, State};
 use crate::statics::{Configuration, Equilibrium, condensed, equilibrium, forces_on};
@@ -70,7 +70,7 @@ pub fn compile(drive: &Drive) -> Result<Compiled, AssemblyError> {
     compile_with(drive, None)
 }
 
-fn compile_with(drive: &Drive, shared: Option<&SharedLoops>) -> Result<Compiled, AssemblyError> {
+fn compile_with(drive: &Drive, shared: Option<&SharedParts>) -> Result<Compiled, AssemblyError> {
     let (mut models, mut tensions_n) = (Vec::new(), Vec::new());
     for chain in 0..drive.chains() {
         let (model, own_n) = compile_alone(&drive.single_chain(chain), shared)?;
@@ -86,8 +86,9 @@ fn compile_with(drive: &Drive, shared: Option<&SharedLoops>) -> Result<Compiled,
 }
 
 /// One chain of a drive, tightened, and its mean tension at rest over the phases of its driver [N].
-fn compile_alone(drive: &Drive, shared: Option<&SharedLoops>) -> Result<(Model, Vec<f64>), AssemblyError> {
-    let placed = place(drive).map_err(AssemblyError::Input)?;
+fn compile_alone(drive: &Drive, shared: Option<&SharedParts>) -> Result<(Model, Vec<f64>), AssemblyError> {
+    let profiles = shared.map_or_else(|| Profiles::new(drive), |shared| shared.profiles(drive));
+    let placed = profiles.and_then(|p| close(drive, p)).map_err(AssemblyError::Input)?;
     if drive.fidelity == ChainFidelity::Spans {
         // Tightened with its links, which then leave their tension to the spans.
         let linked = Drive { fidelity: ChainFidelity::Links, ..drive.clone() };
@@ -96,8 +97,8 @@ fn compile_alone(drive: &Drive, shared: Option<&SharedLoops>) -> Result<(Model, 
         return Ok((model.with_fidelity(drive, &terms).map_err(AssemblyError::Input)?, tensions_n));
     }
     // The preload is set on the drive as it should be: what departs from that comes later, and changes the tension.
-    let key = shared.map(|_| SharedLoops::key(drive));
-    let known = shared.zip(key.as_ref()).and_then(|(shared, key)| shared.find(key));
+    let key = shared.map(|_| SharedParts::key(drive));
+    let known = shared.zip(key.as_ref()).and_then(|(shared, key)| shared.tightened(key));
     let (shift, tensions_n) = match (known, drive.effects == Effects::default()) {
         (Some(known), _) => known,
         (None, true) => tighten(drive, &placed)?,
@@ -107,7 +108,7 @@ fn compile_alone(drive: &Drive, shared: Option<&SharedLoops>) -> Result<(Model, 
         }
     };
     if let Some((shared, key)) = shared.zip(key) {
-        shared.keep(key, (shift, tensions_n.clone()));
+        shared.keep_tightened(key, (shift, tensions_n.clone()));
     }
     Ok((Model::build(drive, &placed, shift).map_err(AssemblyError::Input)?, tensions_n))
 }
@@ -288,11 +289,11 @@ pub fn assemble_with(drive: &Drive, isa: Isa) -> Result<Assembly, AssemblyError>
 ///
 /// # Errors
 /// See [`AssemblyError`].
-pub fn assemble_sharing(drive: &Drive, shared: &SharedLoops) -> Result<Assembly, AssemblyError> {
+pub fn assemble_sharing(drive: &Drive, shared: &SharedParts) -> Result<Assembly, AssemblyError> {
     assemble_from(drive, Isa::detect(), Some(shared))
 }
 
-fn assemble_from(drive: &Drive, isa: Isa, shared: Option<&SharedLoops>) -> Result<Assembly, AssemblyError> {
+fn assemble_from(drive: &Drive, isa: Isa, shared: Option<&SharedParts>) -> Result<Assembly, AssemblyError> {
     let Compiled { model, bound, tensions_n } = compile_with(drive, shared)?;
     let rest = rest_configuration(&model, drive, 0.0)?;
     let unloaded = solve(&model, rest, 0.0, "tightening the loop")?;

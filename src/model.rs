@@ -10,6 +10,7 @@ mod chain;
 mod mechanism;
 mod parts;
 mod place;
+mod profiles;
 mod shafts;
 mod spans;
 mod valves;
@@ -23,7 +24,8 @@ use parts::{
     build_bore, build_coordinates, build_end_bodies, build_guides, build_rails, check_clearances, join_end_bodies,
 };
 use place::route_diag;
-pub use place::{PlacedDrive, place};
+pub use place::{PlacedDrive, close, place};
+pub use profiles::Profiles;
 pub use spans::SpanTerms;
 
 use crate::diag::Report;

@@ -1,22 +1,27 @@
-//! Loops that many drives have in common: where the tightening sprocket stands is found by solving for the chain's rest again and again, half
+//! What many drives have in common. Profiles are computed once for all drives that are drawn alike. Where the tightening sprocket stands is found by solving for the chain's rest again and again, half
 //! of the time that assembling takes. Loads, speeds, friction and effects do not move it, so that drives which differ in these alone share it.
 
+use crate::diag::Report;
 use crate::drive::sensors::{SensorSpec, SignalSpec};
 use crate::drive::{ContactSpec, Drive, Effects, OuterSpec};
+use crate::model::Profiles;
 use std::collections::VecDeque;
 use std::sync::{Mutex, PoisonError};
 
-/// Loops that are remembered. assumed: a study moves few numbers of the geometry at a time, and a drive takes some kilobytes.
+/// Loops and profiles that are remembered. assumed: a study moves few numbers of the geometry at a time, and a drive takes some kilobytes.
 const MOST: usize = 64;
 
 /// Shift of the tightening sprocket [m], and mean tension of the chain at rest over the phases of its driver [N].
 type TightenedLoop = (f64, Vec<f64>);
 
-/// Tightened loops by the drives that have them; may be used by many threads.
+/// Profiles and tightened loops by the drives that have them; may be used by many threads.
 #[derive(Default)]
-pub struct SharedLoops(Mutex<VecDeque<(Drive, TightenedLoop)>>);
+pub struct SharedParts {
+    profiles: Mutex<VecDeque<(Drive, Profiles)>>,
+    loops: Mutex<VecDeque<(Drive, TightenedLoop)>>,
+}
 
-impl SharedLoops {
+impl SharedParts {
     /// What a loop depends on: the drive of one chain without what does not move it. Loads and speeds keep their signs, which say on which
     /// side of a gap a bush lies.
     pub(super) fn key(drive: &Drive) -> Drive {
@@ -49,17 +54,37 @@ impl SharedLoops {
         key
     }
 
-    pub(super) fn find(&self, key: &Drive) -> Option<TightenedLoop> {
-        let known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+    /// Profiles of a drive, computed if no other drive has had them.
+    ///
+    /// # Errors
+    /// A part cannot be made.
+    pub(super) fn profiles(&self, drive: &Drive) -> Result<Profiles, Report> {
+        let known = || self.profiles.lock().unwrap_or_else(PoisonError::into_inner);
+        let own = known().iter().find(|(other, _)| Profiles::are_shared(drive, other)).map(|(_, own)| own.clone());
+        if let Some(own) = own {
+            return Ok(own);
+        }
+        // Outside the lock: others need not wait, and two that compute the same get the same bits.
+        let own = Profiles::new(drive)?;
+        remember(&mut known(), SharedParts::key(drive), own.clone());
+        Ok(own)
+    }
+
+    pub(super) fn tightened(&self, key: &Drive) -> Option<TightenedLoop> {
+        let known = self.loops.lock().unwrap_or_else(PoisonError::into_inner);
         known.iter().find(|(drive, _)| drive == key).map(|(_, own)| own.clone())
     }
 
-    pub(super) fn keep(&self, key: Drive, own: TightenedLoop) {
-        let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if known.iter().all(|(drive, _)| *drive != key) {
-            known.push_front((key, own));
-            known.truncate(MOST);
-        }
+    pub(super) fn keep_tightened(&self, key: Drive, own: TightenedLoop) {
+        remember(&mut self.loops.lock().unwrap_or_else(PoisonError::into_inner), key, own);
+    }
+}
+
+/// Adds an entry unless its key is there; the oldest one goes where there are too many.
+fn remember<T>(known: &mut VecDeque<(Drive, T)>, key: Drive, own: T) {
+    if known.iter().all(|(drive, _)| *drive != key) {
+        known.push_front((key, own));
+        known.truncate(MOST);
     }
 }
 
@@ -87,7 +112,7 @@ mod tests {
             let (_, text) = BUNDLED.iter().find(|b| b.0 == name).expect("bundled");
             let key = |set: &str| {
                 let set: Vec<String> = set.split_whitespace().map(str::to_string).collect();
-                SharedLoops::key(&Drive::parse(name, text, &set).expect("a drive").single_chain(0))
+                SharedParts::key(&Drive::parse(name, text, &set).expect("a drive").single_chain(0))
             };
             let own = key("");
             for set in [

@@ -3,7 +3,7 @@
 use super::study_engine::{self, EngineArgs};
 use super::study_remote;
 use super::{Failure, Outcome, drive_text, print_json, print_out};
-use crate::assemble::SharedLoops;
+use crate::assemble::SharedParts;
 use crate::measurement::columns::{ColumnSelection, FileLayout, Memory, read as read_columns};
 use crate::study::bind::BoundStudy;
 use crate::study::case::run_case;
@@ -219,7 +219,7 @@ fn table_rows(study: &Study, path: &Path) -> Result<Vec<Vec<f64>>, Failure> {
 
 /// Runs the drives as they are, to learn whether they give what the responses ask for.
 pub(super) fn check_nominal(bound: &BoundStudy) -> Result<(), Failure> {
-    let shared = SharedLoops::default();
+    let shared = SharedParts::default();
     for k in 0..bound.drives.len() {
         let case = bound.nominal_case(k);
         let name = bound.drives.get(k).map_or("", |d| d.name.as_str());
@@ -288,7 +288,7 @@ pub(super) fn runner<'a>(
         deadline: args.budget.map(|s| Instant::now() + Duration::from_secs_f64(s)),
         recordings: folder.path.join("recordings"),
         shard: shard.name(),
-        shared: SharedLoops::default(),
+        shared: SharedParts::default(),
     }
 }
 

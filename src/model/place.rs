@@ -1,15 +1,12 @@
 //! Placing: the profiles of all bodies of one chain, and the position of the tightening sprocket or arm at which its loop closes.
 
-use super::Toothing;
+use super::{Profiles, Toothing};
 use crate::diag::{Diag, Report};
-use crate::drive::{ChainSpec, Drive, FaceForm, PreloadSpec, RingForm, SprocketDrive};
+use crate::drive::{Drive, PreloadSpec, SprocketDrive};
 use crate::geometry::chain::LinkShape;
-use crate::geometry::chain::silent::SilentLinkError;
 use crate::geometry::rail::Rail;
 use crate::geometry::route::{Pulley, Route, RouteError, close_loop};
-use crate::geometry::silent_sprocket::{SilentSprocket, SilentSprocketError, SilentSprocketSpec, ToothFace};
-use crate::geometry::smartchain::{Abutment, LobedRing, RingError, fits_hollow};
-use crate::geometry::sprocket::{Sprocket, SprocketSpec};
+use crate::geometry::smartchain::{Abutment, LobedRing};
 use crate::geometry::{Vec2, rotated};
 use crate::pairs::contour_body::LinkContour;
 
@@ -79,80 +76,23 @@ fn rails_of(drive: &Drive, k: usize) -> Vec<usize> {
     here
 }
 
-/// Computes all profiles and closes the loop. `loaded_pitch_m`: pitch under the preload.
+/// Computes all profiles and closes the loop.
 pub fn place(drive: &Drive) -> Result<PlacedDrive, Report> {
-    let mut diags = Vec::new();
-    let mut sprockets = Vec::new();
-    for s in &drive.sprockets {
-        match toothing(drive, s) {
-            Ok(toothing) => sprockets.push(toothing),
-            Err((e, key)) => {
-                // What is wrong with the link is so for every sprocket.
-                let (path, title) = if key.contains('.') {
-                    (key.to_string(), e)
-                } else {
-                    (format!("sprockets.{}.{key}", s.name), format!("sprocket `{}` cannot be made: {e}", s.name))
-                };
-                if diags.iter().all(|d: &Diag| d.title != title) {
-                    diags.push(drive.places.error(&path, title, None));
-                }
-            }
+    close(drive, Profiles::new(drive)?)
+}
+
+/// Closes the loop of a drive whose profiles are known already.
+pub fn close(drive: &Drive, profiles: Profiles) -> Result<PlacedDrive, Report> {
+    let Profiles { mut sprockets, rows, contour, abutment, rings, line_end_m, line_radii_m } = profiles;
+    for (sprocket, s) in sprockets.iter_mut().zip(&drive.sprockets) {
+        if let Toothing::Iso(own) = sprocket {
+            own.gap_shifts = gap_shifts(drive, s);
         }
     }
-    if !diags.is_empty() {
-        return Err(drive.places.report(diags));
-    }
-    let chain_error = |text: String, help: Option<String>| {
-        drive.places.report(vec![drive.places.error(drive.chain.path(), text, help)])
-    };
-    let mut rings = vec![None; sprockets.len()];
-    let mut abutment = None;
-    let mut contour = None;
-    let mut line_end_m = vec![0.0; sprockets.len()];
-    let mut line_radii: Vec<f64> = sprockets.iter().map(Toothing::pitch_radius_m).collect();
-    let rows: Vec<LinkShape> = match &drive.chain {
-        ChainSpec::Bush(c) => {
-            let rows = c.rows().map_err(|e| chain_error(format!("the link plates cannot be made: {e}"), None))?;
-            if !rows.iter().all(|r| r.mass_kg > 0.0 && r.inertia_kg_m2 > 0.0) {
-                let help = "make the bores smaller, or give the rows their `mass_g` and `inertia_g_mm2`";
-                return Err(chain_error("the links have no mass left beside their bores".into(), Some(help.into())));
-            }
-            rows.to_vec()
-        }
-        ChainSpec::Silent(c) => {
-            let links = c.rows().map_err(|e| chain_error(format!("the links cannot be made: {e}"), None))?;
-            contour = Some(LinkContour::Flanks(links.iter().map(|l| l.contour).collect()));
-            links.into_iter().map(|l| l.shape).collect()
-        }
-        ChainSpec::Abutment(c) => {
-            let made = |e: &dyn std::fmt::Display| chain_error(format!("the abutments cannot be made: {e}"), None);
-            let transition = |teeth: u32| c.transition(teeth).map_err(|e| made(&e));
-            let a = Abutment::new(transition(c.teeth)?, c.abutment_spec()).map_err(|e| made(&e))?;
-            let ring_error = |e: &RingError, name: &str, help: Option<String>| {
-                chain_error(format!("the ring of sprocket `{name}` cannot be made: {e}"), help)
-            };
-            for (k, s) in drive.sprockets.iter().enumerate() {
-                let own = if s.teeth == c.teeth { a.transition } else { transition(s.teeth)? };
-                line_radii[k] = own.line_height_m;
-                line_end_m[k] = own.line_end_x_m;
-                if s.teeth != c.teeth && s.ring == RingForm::Conjugate {
-                    let help = format!("`sprockets.{}.ring = \"plain\"` gives it a round one, at a cost", s.name);
-                    rings[k] = Some(LobedRing::new(&a, own).map_err(|e| ring_error(&e, &s.name, Some(help)))?);
-                } else {
-                    fits_hollow(&a, own.pitch_radius_m - c.abutment_distance_m)
-                        .map_err(|e| ring_error(&e, &s.name, None))?;
-                }
-            }
-            let rows = c.rows(drive.joint.stiffness_n_per_m, &a.front, &a.rear).map_err(|e| made(&e))?;
-            contour = Some(LinkContour::Abutments { front: a.front.clone(), rear: a.rear.clone() });
-            abutment = Some(a);
-            rows.to_vec()
-        }
-    };
     let mut pulleys: Vec<Pulley> = drive
         .sprockets
         .iter()
-        .zip(&line_radii)
+        .zip(&line_radii_m)
         .map(|(s, r)| Pulley { centre: Vec2::new(s.x_m, s.y_m), pitch_radius_m: *r, wrap: s.wrap, is_optional: false })
         .collect();
     let mut rails = Vec::new();
@@ -224,66 +164,6 @@ const PATH_PER_SHIFT: f64 = 1.9;
 /// Turn by which it is found how an arm changes the path [rad], and the least change that tightens a chain [m/rad].
 const ARM_PROBE_RAD: f64 = 1e-3;
 const MIN_PATH_PER_RAD: f64 = 1e-3;
-
-/// Teeth of a sprocket, or why there are none and the key to blame.
-fn toothing(drive: &Drive, s: &SprocketDrive) -> Result<Toothing, (String, &'static str)> {
-    if let ChainSpec::Silent(c) = &drive.chain {
-        let face = match s.face {
-            FaceForm::Arc => ToothFace::Arc,
-            FaceForm::Crowned { radius_m, contact_distance_m } => ToothFace::Crowned { radius_m, contact_distance_m },
-        };
-        let mut spec = SilentSprocketSpec::standard(s.teeth, c.pitch_m, face);
-        spec.link = c.form;
-        if let Some(tip_m) = s.tip_diameter_m {
-            let half_rad = std::f64::consts::PI / f64::from(s.teeth);
-            let (sin, cos) = crate::units::sin_cos(half_rad);
-            spec.tip_offset_m = 0.5 * tip_m - 0.5 * c.pitch_m * cos / sin;
-        }
-        spec.root_clearance_m = s.root_clearance_m.unwrap_or(spec.root_clearance_m);
-        spec.corner_radius_m = s.corner_radius_m.unwrap_or(spec.corner_radius_m);
-        return match SilentSprocket::new(spec) {
-            Ok(sprocket) => Ok(Toothing::Silent(Box::new(sprocket))),
-            Err(e) => Err((e.to_string(), silent_key(&e))),
-        };
-    }
-    let key = if s.tip_diameter_m.is_some() { "tip_diameter_mm" } else { "teeth" };
-    let spec = SprocketSpec {
-        teeth: s.teeth,
-        pitch_m: drive.chain.pitch_m(),
-        roller_diameter_m: drive.chain.bush_diameter_m(),
-        form: s.form,
-        tip_diameter_m: s.tip_diameter_m,
-    };
-    let sprocket = Sprocket::new(spec).map_err(|e| (e.to_string(), key))?;
-    let mut relieved = sprocket.relieved(s.root_relief_m).map_err(|e| (e.to_string(), "root_relief_um"))?;
-    relieved.gap_shifts = gap_shifts(drive, s);
-    Ok(Toothing::Iso(Box::new(relieved)))
-}
-
-/// The value to blame: of the sprocket, or of the link that it is made for.
-fn silent_key(e: &SilentSprocketError) -> &'static str {
-    match e {
-        SilentSprocketError::Pointed { .. } | SilentSprocketError::LowTip { .. } => "tip_diameter_mm",
-        SilentSprocketError::DeepRoot { .. } | SilentSprocketError::HighRoot | SilentSprocketError::Toe { .. } => {
-            "root_clearance_mm"
-        }
-        SilentSprocketError::Face { .. } => "chain.silent.face_distance_mm",
-        SilentSprocketError::Corner { .. } => "corner_radius_mm",
-        SilentSprocketError::Contact { .. } => "contact_distance_mm",
-        SilentSprocketError::Link(e) => match e {
-            SilentLinkError::FlankAngle { .. } => "chain.silent.flank_angle_deg",
-            SilentLinkError::Projection { .. } => "chain.silent.inside_projection_mm",
-            SilentLinkError::ToeRadius { .. } => "chain.silent.toe_radius_mm",
-            SilentLinkError::CrotchLarge { .. } | SilentLinkError::CrotchDeep { .. } => "chain.silent.crotch_radius_mm",
-            SilentLinkError::Dimension { .. }
-            | SilentLinkError::FlankPitch { .. }
-            | SilentLinkError::PinHole { .. }
-            | SilentLinkError::Kink { .. }
-            | SilentLinkError::Profile(_) => "chain.silent",
-        },
-        SilentSprocketError::Teeth { .. } | SilentSprocketError::Dimension { .. } => "teeth",
-    }
-}
 
 /// Where the gaps of a sprocket lie beside their places; empty if none does.
 pub(super) fn gap_shifts(drive: &Drive, s: &SprocketDrive) -> Vec<Vec2> {

@@ -6,14 +6,14 @@
 
 use crate::analysis::order_spectrum::{AngleRecord, AngleRecorder};
 use crate::analysis::signal::Signal;
-use crate::assemble::{Assembly, AssemblyError, SharedLoops, assemble_sharing};
+use crate::assemble::{Assembly, AssemblyError, SharedParts, assemble_sharing};
 use crate::compare::{CompareError, DriverWatch};
 use crate::diag::{Report, last_name};
 use crate::drive::Drive;
 use crate::impacts::ImpactWatch;
 use crate::integrate::explicit::{self, Scratch};
 use crate::recording::capture::{self, Camera};
-use crate::recording::frame::{Header, Impact};
+use crate::recording::frame::{Frame, Header, Impact};
 use crate::simulate::{LiftOffWatch, RunLength, energy_json};
 use crate::statistics::median;
 use serde_json::{Value, json};
@@ -74,7 +74,24 @@ pub fn run_case(
     drive: &Drive,
     needs: &CaseNeeds,
     length: CaseLength,
-    shared: &SharedLoops,
+    shared: &SharedParts,
+) -> Result<CaseFacts, CaseError> {
+    run_watched(drive, needs, length, shared, None)
+}
+
+/// What is shown every frame of a run.
+pub type FrameWatch<'a> = dyn FnMut(&Frame, &Header) + 'a;
+
+/// As [`run_case`]; `watch` sees every frame.
+///
+/// # Errors
+/// As [`run_case`].
+pub fn run_watched(
+    drive: &Drive,
+    needs: &CaseNeeds,
+    length: CaseLength,
+    shared: &SharedParts,
+    mut watch: Option<&mut FrameWatch<'_>>,
 ) -> Result<CaseFacts, CaseError> {
     let Assembly { model, mut state, report } = assemble_sharing(drive, shared)?;
     let span = RunLength::new(length.duration_s, length.every_s, model.step_s);
@@ -99,7 +116,7 @@ pub fn run_case(
             impacts.extend(struck.take_done());
         }
         lift_offs.observe(&model, &state, &scratch);
-        let is_seen = !recorders.is_empty() && step.is_multiple_of(span.steps_per_frame);
+        let is_seen = (!recorders.is_empty() || watch.is_some()) && step.is_multiple_of(span.steps_per_frame);
         if is_seen || step == 0 || step == span.steps {
             let frame = camera.take(&model, &state, &scratch);
             if step == 0 {
@@ -108,6 +125,9 @@ pub fn run_case(
             energy = Some(frame.energy);
             if is_seen {
                 recorders.iter_mut().for_each(|r| r.add(&frame, &header));
+                if let Some(watch) = &mut watch {
+                    watch(&frame, &header);
+                }
             }
             camera.give_back(frame);
         }

@@ -3,7 +3,7 @@
 use super::KeepSpec;
 use super::bind::{BoundStudy, CaseSpec};
 use super::case::{CaseError, run_case};
-use crate::assemble::SharedLoops;
+use crate::assemble::SharedParts;
 use crate::drive::Drive;
 use crate::simulate::Simulation;
 use std::panic::AssertUnwindSafe;
@@ -47,7 +47,7 @@ pub struct CaseRunner<'a> {
     pub recordings: PathBuf,
     pub shard: String,
     /// What cases have in common.
-    pub shared: SharedLoops,
+    pub shared: SharedParts,
 }
 
 /// Why cases could not be run.
