@@ -38,7 +38,7 @@ use std::sync::Arc;
 use valves::ValveSpec;
 
 /// Bundled drives: name and text.
-pub const BUNDLED: [(&str, &str); 13] = [
+pub const BUNDLED: [(&str, &str); 14] = [
     ("bush-20-40", include_str!("../assets/drives/bush-20-40.toml")),
     ("silent-20-40", include_str!("../assets/drives/silent-20-40.toml")),
     ("smartchain-20-40", include_str!("../assets/drives/smartchain-20-40.toml")),
@@ -52,6 +52,7 @@ pub const BUNDLED: [(&str, &str); 13] = [
     ("v12-primary", include_str!("../assets/drives/v12-primary.toml")),
     ("v12", include_str!("../assets/drives/v12.toml")),
     ("roller-20-40", include_str!("../assets/drives/roller-20-40.toml")),
+    ("v12-primary-fgm", include_str!("../assets/drives/v12-primary-fgm.toml")),
 ];
 
 /// The bundled drives that differ in their chain alone.

@@ -81,6 +81,8 @@ pub mod render;
 #[doc(hidden)]
 pub mod replay;
 #[doc(hidden)]
+pub mod reproduce;
+#[doc(hidden)]
 pub mod sensing;
 #[doc(hidden)]
 pub mod state;

@@ -1,5 +1,6 @@
 //! Drawings as SVG: exact contours, arcs as arcs.
 
+pub mod claims;
 pub mod compare;
 pub mod free_body;
 pub mod identify;

@@ -89,7 +89,7 @@ fn engines_keep_their_ledger_and_their_ratio() {
 /// teeth say; a tooth that was jumped would be 0.7 % off.
 #[test]
 fn the_v12_keeps_its_ledger_and_its_ratios() {
-    for (name, links) in [("v12-primary", 48), ("v12", 296)] {
+    for (name, links) in [("v12-primary", 48), ("v12-primary-fgm", 48), ("v12", 296)] {
         // 0.2 s at the first speed are three turns and a third.
         let (assembly, seen) = run(name, 0.0, 10.0 / 3.0);
         let model = &assembly.model;

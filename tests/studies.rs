@@ -1,6 +1,6 @@
 //! Studies: the same table however they are run, what loops share, sensitivities of a known function, bad input.
 
-use pitchline::assemble::{SharedLoops, assemble, assemble_sharing};
+use pitchline::assemble::{SharedParts, assemble, assemble_sharing};
 use pitchline::drive::{BUNDLED, Drive};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -284,22 +284,25 @@ value = "mean"
     assert_eq!(table(at, "parts"), table(at, "whole"));
 }
 
-/// A drive that takes a loop from others is assembled to the same bits as one that tightens its own.
+/// A drive that takes profiles or its loop from others is assembled to the same bits as one that tightens its own.
 #[test]
-fn drives_that_share_a_loop_are_assembled_to_the_same_bits() {
+fn drives_that_share_parts_are_assembled_to_the_same_bits() {
     let changes = [
         vec!["chain.joint.friction=0.07"],
         vec!["contact.guide.friction=0.02", "contact.sprocket.friction=0.15"],
         vec!["loads.constant.driven.torque_nm=12.5"],
         vec!["speeds.constant.driver.speed_rpm=2200"],
         vec!["effects.pitch_error.a.link=3", "effects.pitch_error.a.length_um=20"],
+        vec!["effects.gap_error.driver.gap=7", "effects.gap_error.driver.outward_um=30"],
+        vec!["guides.fixed.tight.clearance_um=5"],
+        vec!["sprockets.driven.teeth=39"],
         vec!["preload.tension_n=301"],
         vec!["loads.constant.driven.torque_nm=-5"],
     ];
     let mut shares = 0;
     for name in ["bush-20-40", "silent-20-40", "smartchain-20-40", "arm-20-40", "roller-20-40"] {
         let (_, text) = BUNDLED.iter().find(|b| b.0 == name).expect("bundled");
-        let shared = SharedLoops::default();
+        let shared = SharedParts::default();
         for set in std::iter::once(Vec::new()).chain(changes.clone()) {
             let set: Vec<String> = set.iter().map(ToString::to_string).collect();
             let Ok(drive) = Drive::parse(name, text, &set) else { continue };

@@ -168,6 +168,7 @@ fn modules_use_only_what_stands_above_them() {
         "analysis",
         "compare",
         "study",
+        "reproduce",
         "identify",
         "render",
         "cli",

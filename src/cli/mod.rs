@@ -25,6 +25,7 @@ mod optimise;
 mod orders;
 mod pair_stats;
 mod replay;
+mod reproduce;
 mod run;
 mod snapshot;
 mod spectrum;
@@ -68,6 +69,7 @@ fn verbs() -> Vec<Verb> {
         ),
         verb("study", "Run a drive for many values of its numbers: tolerances, sweeps, sensitivities", study::run),
         verb("optimise", "Search the factors of a study for the best value of its goal", optimise::run),
+        verb("reproduce", "Hold 73 claims of four papers on timing chains against drives like theirs", reproduce::run),
         verb("impacts", "List every impact of a recording, and what stands out among them", impacts::run),
         verb("audit", "Measure every part from the frames of a recording, and say what stands out", audit::run),
         verb("spectrum", "Show the orders of a quantity of a recording, and what turns with them", spectrum::run),

@@ -500,7 +500,7 @@ impl CaseJournal {
 }
 
 /// XXH3-64 of the program file: the same build gives the same bits. 0: it cannot be read.
-fn program_hash() -> u64 {
+pub fn program_hash() -> u64 {
     let bytes = std::env::current_exe().and_then(std::fs::read);
     bytes.map_or(0, |bytes| twox_hash::XxHash3_64::oneshot(&bytes))
 }
