@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// Commands that are not run, by a part of their text, and why.
-const NOT_RUN: [(&str, &str); 11] = [
+const NOT_RUN: [(&str, &str); 12] = [
     ("view ", "opens a viewer"),
     ("--live ", "waits for a viewer"),
     ("completions ", "the script is clap's, not ours"),
@@ -22,6 +22,7 @@ const NOT_RUN: [(&str, &str); 11] = [
     ("-o a.mcap --set sprockets.driver.gap_form=min --json", "prints wall time and vector unit as numbers"),
     ("compare --speed-rpm ", "takes 5 s"),
     ("optimise ", "takes a minute"),
+    ("reproduce ", "takes minutes; tests/reproduce.rs runs some claims"),
     ("study ", "takes minutes; tests/studies.rs runs shorter ones"),
     ("<<", "the shell adds what follows to the file"),
     ("--stats", "prints measured times"),

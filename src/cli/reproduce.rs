@@ -72,13 +72,20 @@ pub fn run(args: &ReproduceArgs) -> Result<Outcome, Failure> {
         done.map_err(|e| Failure::World(format!("{}: {e}", journal.display())))?;
     }
     let answers: Vec<AnsweredClaim> = answers.into_iter().flatten().collect();
-    let outputs = write(args, &answers)?;
+    // The page shows what is known of the others too: a look at one claim leaves it whole.
+    let known: Vec<AnsweredClaim> = claims().iter().filter_map(|claim| claim.answer(&lab)).collect();
+    let outputs = write(args, &known)?;
     let told = if args.json {
         print_json(&serde_json::json!({"answers": answers, "asked": chosen.len(), "outputs": outputs}))?
     } else {
         print_out(&text(&answers, chosen.len(), &outputs))?
     };
-    Ok(if stop.load(Ordering::Relaxed) { Outcome::Interrupted } else { told })
+    let is_broken = answers.iter().any(|a| a.is_broken);
+    Ok(match (stop.load(Ordering::Relaxed), is_broken) {
+        (true, _) => Outcome::Interrupted,
+        (false, true) => Outcome::DataLost,
+        (false, false) => told,
+    })
 }
 
 /// The claims that were asked for.

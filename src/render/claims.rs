@@ -31,6 +31,8 @@ pub fn html(answers: &[AnsweredClaim], pace: &str) -> String {
          <p>Drives like those of the papers were run ({pace}) and asked whether each claim holds. The papers' figures are lost and they print few numbers, so that the \
          drives hold many assumed ones, each marked in its file. \u{201c}Trend reproduced\u{201d} says that a drive like the paper's does so, not that the paper's size is met.</p>\n"
     );
+    let _infallible =
+        writeln!(page, "<p>{} of {} claims are answered.</p>", answers.len(), crate::reproduce::claims().len());
     page += &summary(answers);
     for paper in Paper::ALL {
         let own: Vec<&AnsweredClaim> = answers.iter().filter(|a| a.paper == paper).collect();

@@ -11,6 +11,7 @@ use crate::analysis::order_spectrum::AngleRecord;
 use crate::assemble::{SharedParts, at_rest};
 use crate::diag::Report;
 use crate::drive::{BUNDLED, Drive};
+use crate::recording::frame::{Frame, Header};
 use crate::statics::{Plungers, modes};
 use crate::study::case::{CaseError, CaseLength, CaseNeeds, number_at, run_watched};
 use crate::study::folder::program_hash;
@@ -383,7 +384,11 @@ impl Laboratory {
                         let i = next.fetch_add(1, Ordering::Relaxed);
                         let Some(trial) = trials.get(i) else { break };
                         let started = std::time::Instant::now();
-                        let mut facts = do_trial(trial, shared);
+                        let mut facts = do_trial(trial, shared, stop);
+                        // What an interruption cut off is no result.
+                        if stop.load(Ordering::Relaxed) && facts.error.is_some() {
+                            break;
+                        }
                         facts.wall_s = started.elapsed().as_secs_f64();
                         if sender.send((i, facts)).is_err() {
                             break;
@@ -408,13 +413,13 @@ impl Laboratory {
 }
 
 /// Does one trial; whatever breaks down in it is its result.
-fn do_trial(trial: &Trial, shared: &SharedParts) -> TrialFacts {
-    let tried = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| attempt(trial, shared)));
+fn do_trial(trial: &Trial, shared: &SharedParts, stop: &AtomicBool) -> TrialFacts {
+    let tried = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| attempt(trial, shared, stop)));
     let tried = tried.unwrap_or_else(|_| Err(CaseError("a mistake of pitchline's own".into())));
     tried.unwrap_or_else(|CaseError(why)| TrialFacts { error: Some(why), ..TrialFacts::default() })
 }
 
-fn attempt(trial: &Trial, shared: &SharedParts) -> Result<TrialFacts, CaseError> {
+fn attempt(trial: &Trial, shared: &SharedParts, stop: &AtomicBool) -> Result<TrialFacts, CaseError> {
     let drive = trial.drive()?;
     match &trial.work {
         TrialWork::Modes { plungers, below_hz } => {
@@ -448,19 +453,19 @@ fn attempt(trial: &Trial, shared: &SharedParts) -> Result<TrialFacts, CaseError>
             Ok(TrialFacts { tree, ..TrialFacts::default() })
         }
         TrialWork::Run { duration_s, settle_s, every_s, signals, impacts, compare, probe, bin_rpm } => {
-            let needs = CaseNeeds { compare: *compare, impacts: *impacts, signals: signals.clone() };
+            let needs =
+                CaseNeeds { compare: *compare, impacts: *impacts, signals: signals.clone(), impacts_from_s: *settle_s };
             let length = CaseLength { duration_s: *duration_s, every_s: *every_s };
             let mut own = probe.as_ref().map(|p| p.begin(&drive, *bin_rpm));
-            let mut watch = |frame: &crate::recording::frame::Frame, header: &crate::recording::frame::Header| {
+            let mut watch = |frame: &Frame, header: &Header| {
                 if let Some(own) = &mut own
                     && frame.t_s >= *settle_s
                 {
                     own.see(frame, header);
                 }
+                !stop.load(Ordering::Relaxed)
             };
-            let seen: Option<&mut crate::study::case::FrameWatch<'_>> =
-                if probe.is_some() { Some(&mut watch) } else { None };
-            let found = run_watched(&drive, &needs, length, shared, seen)?;
+            let found = run_watched(&drive, &needs, length, shared, Some(&mut watch))?;
             let facts = signals
                 .iter()
                 .zip(&found.signals)

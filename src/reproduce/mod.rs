@@ -172,6 +172,8 @@ pub struct AnsweredClaim {
     pub ran: Vec<String>,
     /// How many trials there were.
     pub trials: usize,
+    /// A trial broke down, so that the claim could not be judged.
+    pub is_broken: bool,
 }
 
 /// Commands that are printed of a claim.
@@ -181,22 +183,33 @@ impl Claim {
     /// Its answer, or None while trials are missing: the laboratory then wants them.
     pub fn answer(&self, lab: &Laboratory) -> Option<AnsweredClaim> {
         let _earlier = lab.take_asked();
+        let mut is_broken = false;
         let answer = match (self.experiment)(lab) {
-            Ok(answer) => answer,
+            Ok(mut answer) => {
+                let words = answer.measured.split(|c: char| !c.is_alphanumeric());
+                if words.into_iter().any(|word| word == "NaN" || word == "inf") {
+                    answer.verdict = Verdict::NotCheckable;
+                    answer.why += "; a number could not be measured";
+                }
+                answer
+            }
             Err(Unanswered::Waiting) => return None,
-            Err(Unanswered::Broken(why)) => Answer::new(Verdict::NotReproduced, "a run broke down", why),
+            Err(Unanswered::Broken(why)) => {
+                is_broken = true;
+                Answer::new(Verdict::NotCheckable, "a run broke down", why)
+            }
         };
         let asked = lab.take_asked();
         let ran = asked.iter().take(COMMANDS).map(Trial::command).collect();
-        let AnsweredClaim { id, paper, claim, .. } = AnsweredClaim {
+        Some(AnsweredClaim {
             id: self.id,
             paper: self.paper,
             claim: self.claim,
-            answer: answer.clone(),
-            ran: Vec::new(),
-            trials: 0,
-        };
-        Some(AnsweredClaim { id, paper, claim, answer, ran, trials: asked.len() })
+            answer,
+            ran,
+            trials: asked.len(),
+            is_broken,
+        })
     }
 }
 
@@ -205,13 +218,15 @@ fn list(values: &[f64], digits: usize) -> String {
     values.iter().map(|v| format!("{v:.digits$}")).collect::<Vec<_>>().join(", ")
 }
 
-/// Where a curve is largest: x, with a parabola through the largest point and its neighbours.
+/// Where a curve is largest inside of its ends: x, with a parabola through the largest point and its neighbours; NaN where it is largest at an end. And
+/// how large.
 fn peak_of(points: &[(f64, f64)]) -> (f64, f64) {
+    let points: Vec<(f64, f64)> = points.iter().copied().filter(|p| p.0.is_finite() && p.1.is_finite()).collect();
     let Some(top) = (0..points.len()).max_by(|a, b| points[*a].1.total_cmp(&points[*b].1)) else {
         return (f64::NAN, f64::NAN);
     };
     if top == 0 || top + 1 == points.len() {
-        return points[top];
+        return (f64::NAN, points[top].1);
     }
     let [(x0, y0), (x1, y1), (x2, y2)] = [points[top - 1], points[top], points[top + 1]];
     let (d0, d2) = ((y1 - y0) / (x1 - x0), (y2 - y1) / (x2 - x1));
@@ -221,6 +236,16 @@ fn peak_of(points: &[(f64, f64)]) -> (f64, f64) {
     // The slope falls linearly between the middles of the two intervals.
     let (m0, m2) = (0.5 * (x0 + x1), 0.5 * (x1 + x2));
     (m0 + d0 / (d0 - d2) * (m2 - m0), y1)
+}
+
+/// A place of [`peak_of`] as text.
+fn place(x: f64) -> String {
+    if x.is_finite() { format!("{x:.0}") } else { "an end of the sweep".into() }
+}
+
+/// The smallest; NaN where one is none.
+fn least(values: impl IntoIterator<Item = f64>) -> f64 {
+    values.into_iter().fold(f64::INFINITY, |low, v| if low.is_nan() || !v.is_finite() { f64::NAN } else { low.min(v) })
 }
 
 #[cfg(test)]

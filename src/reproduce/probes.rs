@@ -23,6 +23,8 @@ pub enum Probe {
     Zones { joint: usize },
     /// Normal force and touch along a rail.
     RailForces { rail: String },
+    /// Force on the teeth of a sprocket by pitches since the link came in.
+    Wrap { sprocket: String },
     /// What touches what.
     ContactPairs,
     /// Forces into mounts: orders 10 and 20.
@@ -53,6 +55,7 @@ impl Probe {
                 let start = spec.map_or(Vec2::zeros(), |r| r.start - pivot);
                 Box::new(RailWatch { rail: rail.clone(), start, ..RailWatch::default() })
             }
+            Probe::Wrap { sprocket } => Box::new(WrapWatch { sprocket: sprocket.clone(), ..WrapWatch::default() }),
             Probe::ContactPairs => Box::new(PairWatch::default()),
             Probe::Mounts => Box::new(MountWatch::default()),
         }
@@ -117,8 +120,9 @@ const INNER_FLANKS: u32 = 1 << 8 | 1 << 9;
 /// A joint that stands out by less than this share of the pitch is seated.
 const SEATED: f64 = 0.04;
 
-/// Angles between successive links. Ahead of a sprocket: alpha 1 at the first joint that is not seated, alpha 2 what the second seated joint departs from the
-/// turn of a pitch. Behind it: the largest of the first joints that are not seated. The joint between the two turns as it seats, and is left out.
+/// Angles between successive links. Ahead of a sprocket: alpha 1 at the first joint both of whose links are clear of the teeth, alpha 2 what the second
+/// seated joint departs from the turn of a pitch. Behind it: the largest of the first joints whose links are clear. A link with one end on the sprocket
+/// swings down as it seats, which is the polygon's and is left out.
 #[derive(Default)]
 struct MeshingWatch {
     /// In and out of every sprocket.
@@ -149,11 +153,11 @@ impl Watcher for MeshingWatch {
             let name = crate::diag::last_name(&body.path);
             let Some(first) = (0..n).find(|i| is_seated(*i) && !is_seated(behind[*i])) else { continue };
             let Some(last) = (0..n).find(|i| is_seated(*i) && !is_seated(ahead(*i))) else { continue };
-            let before = turn(behind[first]).abs();
+            let before = turn(behind[behind[first]]).abs();
             let seated = |i: usize| (turn(i).abs() - step_rad).abs();
             self.stations.entry(format!("{name}_in")).or_default().see(first, [before, seated(ahead(first))]);
             let mut out = 0.0_f64;
-            let mut at = last;
+            let mut at = ahead(last);
             for _ in 0..LINKS_BEHIND {
                 at = ahead(at);
                 out = out.max(turn(at).abs());
@@ -393,6 +397,8 @@ fn fitted_amplitude(points: &[(f64, f64)], order: f64) -> f64 {
     solved.map_or(f64::NAN, |x| libm::hypot(x[2], x[3]))
 }
 
+/// What lies further from a rail's chord than this share of it belongs to another span.
+const ASIDE: f64 = 0.15;
 /// Parts of a rail along its chord.
 const RAIL_PARTS: usize = 24;
 
@@ -404,7 +410,9 @@ struct RailWatch {
     start: Vec2,
     frames: usize,
     force_n: Vec<f64>,
-    touched: Vec<usize>,
+    /// Links whose middle lies over a part, and those of them that press on it.
+    over: Vec<usize>,
+    pressing: Vec<usize>,
     chord_m: f64,
     pitch_m: f64,
 }
@@ -425,27 +433,79 @@ impl Watcher for RailWatch {
         self.chord_m = (to - from).norm();
         self.pitch_m = pitch_m(header);
         self.force_n.resize(RAIL_PARTS, 0.0);
-        self.touched.resize(RAIL_PARTS, 0);
+        self.over.resize(RAIL_PARTS, 0);
+        self.pressing.resize(RAIL_PARTS, 0);
         self.frames += 1;
         let c = &frame.contacts;
-        let mut here = [false; RAIL_PARTS];
+        let part_of = |x_m: f64, y_m: f64| {
+            let own = crate::geometry::rotated(Vec2::new(x_m - origin[0], y_m - origin[1]), -angle);
+            let along = (to - from) / self.chord_m;
+            let (way, aside) = ((own - from).dot(&along), crate::geometry::cross(along, own - from));
+            let part = (way / self.chord_m * RAIL_PARTS as f64).floor();
+            (part >= 0.0 && part < RAIL_PARTS as f64 && aside.abs() < ASIDE * self.chord_m).then_some(part as usize)
+        };
+        let mut presses = vec![false; header.links.len()];
         for i in (0..c.link.len()).filter(|i| c.body[*i] as usize == body) {
-            let world = Vec2::new(c.point_link_x_m[i], c.point_link_y_m[i]) - Vec2::new(origin[0], origin[1]);
-            let own = crate::geometry::rotated(world, -angle);
-            let way = (own - from).dot(&((to - from) / self.chord_m));
-            let part = ((way / self.chord_m * RAIL_PARTS as f64).max(0.0) as usize).min(RAIL_PARTS - 1);
-            self.force_n[part] += c.normal_force_n[i];
-            here[part] |= c.normal_force_n[i] > 0.0;
+            presses[c.link[i] as usize] |= c.normal_force_n[i] > 0.0;
+            if let Some(part) = part_of(c.point_link_x_m[i], c.point_link_y_m[i]) {
+                self.force_n[part] += c.normal_force_n[i];
+            }
         }
-        self.touched.iter_mut().zip(here).for_each(|(sum, own)| *sum += usize::from(own));
+        for (link, presses) in presses.iter().enumerate() {
+            if let Some(part) = part_of(frame.links.x_m[link], frame.links.y_m[link]) {
+                self.over[part] += 1;
+                self.pressing[part] += usize::from(*presses);
+            }
+        }
     }
 
     fn finish(self: Box<Self>) -> Value {
         let frames = self.frames.max(1) as f64;
         let per_link: Vec<f64> =
             self.force_n.iter().map(|f| f / frames * self.pitch_m / (self.chord_m / RAIL_PARTS as f64)).collect();
-        let touched: Vec<f64> = self.touched.iter().map(|n| *n as f64 / frames).collect();
-        json!({"force_per_link_n": per_link, "touched_share": touched, "chord_m": self.chord_m})
+        json!({"force_per_link_n": per_link, "over": self.over, "pressing": self.pressing, "chord_m": self.chord_m})
+    }
+}
+
+/// Pitches along a wrap that are looked at.
+const WRAP_PITCHES: usize = 8;
+
+/// Force on teeth along a wrap.
+#[derive(Default)]
+struct WrapWatch {
+    sprocket: String,
+    frames: usize,
+    force_n: [f64; WRAP_PITCHES],
+}
+
+impl Watcher for WrapWatch {
+    fn see(&mut self, frame: &Frame, header: &Header) {
+        let Some(body) = header.bodies.iter().position(|b| crate::diag::last_name(&b.path) == self.sprocket) else {
+            return;
+        };
+        let info = &header.bodies[body];
+        let (origin, _) = info.pose(frame);
+        let step_rad = 2.0 * PI / f64::from(info.teeth.max(1));
+        let c = &frame.contacts;
+        // Segments up to the tip's land belong to teeth; rings come behind.
+        let on_teeth: Vec<usize> =
+            (0..c.link.len()).filter(|i| c.body[*i] as usize == body && c.segment[*i] <= 4).collect();
+        let angle = |i: usize| crate::units::atan2(c.point_link_y_m[i] - origin[1], c.point_link_x_m[i] - origin[0]);
+        // The first of them in the sense of travel: no other within half a turn behind it.
+        let behind = |i: usize, j: usize| wrap_angle(angle(i) - angle(j)) > 1e-6;
+        let Some(first) = on_teeth.iter().copied().find(|i| !on_teeth.iter().any(|j| behind(*i, *j))) else { return };
+        self.frames += 1;
+        for i in &on_teeth {
+            let pitch = (wrap_angle(angle(*i) - angle(first)) / step_rad + 0.5).floor();
+            if let Some(sum) = self.force_n.get_mut(pitch.max(0.0) as usize) {
+                *sum += c.normal_force_n[*i];
+            }
+        }
+    }
+
+    fn finish(self: Box<Self>) -> Value {
+        let frames = self.frames.max(1) as f64;
+        json!({"force_n": self.force_n.map(|f| f / frames)})
     }
 }
 

@@ -27,6 +27,8 @@ pub struct CaseNeeds {
     pub impacts: bool,
     /// Signals, by their names.
     pub signals: Vec<String>,
+    /// Impacts before it do not count [s].
+    pub impacts_from_s: f64,
 }
 
 /// What a run gave.
@@ -79,13 +81,13 @@ pub fn run_case(
     run_watched(drive, needs, length, shared, None)
 }
 
-/// What is shown every frame of a run.
-pub type FrameWatch<'a> = dyn FnMut(&Frame, &Header) + 'a;
+/// What is shown every frame of a run; false ends it.
+pub type FrameWatch<'a> = dyn FnMut(&Frame, &Header) -> bool + 'a;
 
 /// As [`run_case`]; `watch` sees every frame.
 ///
 /// # Errors
-/// As [`run_case`].
+/// As [`run_case`], or `watch` ended it.
 pub fn run_watched(
     drive: &Drive,
     needs: &CaseNeeds,
@@ -125,8 +127,10 @@ pub fn run_watched(
             energy = Some(frame.energy);
             if is_seen {
                 recorders.iter_mut().for_each(|r| r.add(&frame, &header));
-                if let Some(watch) = &mut watch {
-                    watch(&frame, &header);
+                if let Some(watch) = &mut watch
+                    && !watch(&frame, &header)
+                {
+                    return Err(CaseError("it was interrupted".into()));
                 }
             }
             camera.give_back(frame);
@@ -160,6 +164,7 @@ pub fn run_watched(
         impacts.extend(struck.finish());
     }
     if needs.impacts {
+        impacts.retain(|impact| impact.t_s >= needs.impacts_from_s);
         tree.insert("impacts".into(), impacts_json(&impacts, &header));
     }
     let signals = recorders.into_iter().map(|r| r.finish(&header)).collect();
