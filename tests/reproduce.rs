@@ -43,7 +43,9 @@ fn claims_are_answered_and_kept() {
         let expected = match id.as_str() {
             "C03" | "C06" => Verdict::ContradictsItself,
             "C16" => Verdict::NotCheckable,
-            "S25" => Verdict::Trend,
+            "S24" | "S25" => Verdict::Trend,
+            // The order of touches holds, the force on the teeth does not fall all along the wrap.
+            "S23" => Verdict::NotReproduced,
             _ => Verdict::Reproduced,
         };
         assert_eq!(*verdict, expected, "{id}: {measured}");

@@ -2,7 +2,7 @@
 
 use super::laboratory::{Laboratory, Trial, Unanswered};
 use super::probes::Probe;
-use super::{Answer, Experiment, Verdict, list};
+use super::{ClaimAnswer, Experiment, Verdict, list};
 use crate::statics::Plungers;
 
 pub(super) const CLAIMS: [(&str, &str, Experiment); 10] = [
@@ -56,22 +56,22 @@ fn at_3000() -> Trial {
         .signals(&["sensors.tachometer.cam", "sensors.displacement.plunger"])
 }
 
-fn f01(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn f01(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let drive = lab.drive(DRIVE, "")?;
     let free = drive.sprockets.iter().filter(|s| s.name != "crank").count();
     let of_links = 3 * drive.links;
     let (arms, sliders) = (drive.arms.len(), drive.sliders.len());
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::number(of_links + arms + free == 320),
         format!("{} links x 3 + {arms} arm + {free} sprocket = {}", drive.links, of_links + arms + free),
         format!("counted in the drive; its {sliders} plunger follows the arm by a contact and is one coordinate more"),
     ))
 }
 
-fn f02(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn f02(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let drive = lab.drive(DRIVE, "")?;
     let is_fixed = drive.rails.iter().any(|r| r.name == "tight" && r.arm.is_none());
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend(is_fixed),
         format!(
             "the crank turns with orders 2, 4 and 6; the tight guide is {}",
@@ -81,7 +81,7 @@ fn f02(lab: &Laboratory) -> Result<Answer, Unanswered> {
     ))
 }
 
-fn f03(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn f03(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let cam = lab.one(&at_3000())?.signal("sensors.tachometer.cam");
     let mut below: Vec<(f64, f64)> =
         (1..40).map(|k| (0.5 * f64::from(k), cam.order(0.5 * f64::from(k)))).filter(|(o, _)| *o < 19.5).collect();
@@ -90,7 +90,7 @@ fn f03(lab: &Laboratory) -> Result<Answer, Unanswered> {
     let multiples = top.iter().filter(|o| (*o / 2.0).fract() == 0.0).count();
     let share = cam.order(2.0) / cam.mean.abs();
     let plot: Vec<(f64, f64)> = (1..60).map(|k| (0.5 * f64::from(k), cam.order(0.5 * f64::from(k)))).collect();
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend(top.first() == Some(&2.0) && multiples == 3),
         format!(
             "largest orders below the teeth: {}; order 2 (100 Hz) is {:.2} % of the cam's speed",
@@ -102,7 +102,7 @@ fn f03(lab: &Laboratory) -> Result<Answer, Unanswered> {
     .with_plot("order of the crank", "cam speed [rad/s]", vec![("amplitude", plot)]))
 }
 
-fn f04(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn f04(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let own = lab.all(&[
         at_3000(),
         at_3000().set("chain.joint.damping_n_s_per_m=120"),
@@ -115,7 +115,7 @@ fn f04(lab: &Laboratory) -> Result<Answer, Unanswered> {
     let largest = orders.first().map_or(f64::NAN, |o| o.0);
     let moved = |k: usize| crate::units::wrap_angle(of(k).phase(2.0) - base.phase(2.0)).to_degrees();
     let (damped, heavier) = (moved(1), moved(2));
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend(largest == 2.0 && damped.abs().max(heavier.abs()) > 10.0),
         format!(
             "largest order of the plunger's travel: {largest:.1}, {:.3} mm; its phase moves by {damped:.1} deg with twice the damping of the joints, by {heavier:.1} deg with links 10 % heavier",
@@ -126,7 +126,7 @@ fn f04(lab: &Laboratory) -> Result<Answer, Unanswered> {
 }
 
 /// Mean forces of the zones I to IV.
-fn f05(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn f05(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let found = lab.one(&at_1000())?;
     let zone = |name: &str, key: &str| found.probed(&format!("{name}.{key}"));
     let tenths = |name: &str| -> Vec<f64> {
@@ -144,7 +144,7 @@ fn f05(lab: &Laboratory) -> Result<Answer, Unanswered> {
     let (sigma_tight, sigma_slack) = (zone("behind_cam", "sigma_n"), zone("behind_crank", "sigma_n"));
     let is_load = ((tight - slack) / oracle - 1.0).abs() < 0.1;
     let holds = two_tight >= 5.0 * two_slack && sigma_slack < 0.2 * sigma_tight && falls && rises && is_load;
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend(holds),
         format!(
             "I tight {tight:.0} N with {two_tight:.0} N of order 2, II on the crank from {:.0} to {:.0} N, III slack {slack:.0} N with {two_slack:.0} N of order 2 and a scatter of {:.0} N, IV on the cam from {:.0} to {:.0} N; I less III {:.0} N, of the load alone {oracle:.0} N",
@@ -170,7 +170,7 @@ fn f05(lab: &Laboratory) -> Result<Answer, Unanswered> {
     ))
 }
 
-fn f06(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn f06(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let changes = [
         ("as it is", ""),
         ("plunger pressed 50 % more", "sliders.plunger.spring_n=39.6"),
@@ -186,7 +186,7 @@ fn f06(lab: &Laboratory) -> Result<Answer, Unanswered> {
         .enumerate()
         .map(|(k, (name, _))| format!("{name}: lowest {:.0} N, order 20 {:.1} N", of(k).low, of(k).order(20.0)))
         .collect();
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::NotCheckable,
         told.join("; "),
         "the measured force is lost; told is what raises the lowest force and what lowers the order of the teeth, which the paper lays to the tensioner's preload",
@@ -194,9 +194,9 @@ fn f06(lab: &Laboratory) -> Result<Answer, Unanswered> {
 }
 
 /// Where the radius of a face jumps, a chain under tension T presses with T p (1/R2 - 1/R1) more a link.
-fn f07(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn f07(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let step = super::lin::face_step(lab)?;
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::number((step.measured_n / step.oracle_n - 1.0).abs() < 0.3),
         format!(
             "force of the face a link: {:.2} N on an arc of 300 mm, {:.2} N on the next of 380 mm; step {:+.2} N, T p (1/R2 - 1/R1) = {:+.2} N",
@@ -212,12 +212,12 @@ fn smooth(rpm: f64) -> Trial {
     at_1000().set(SMOOTH).set(&format!("speeds.constant.crank.speed_rpm={rpm}"))
 }
 
-fn f08(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn f08(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let equal = "chain.bush.inner.pitch_mm=9.525 chain.bush.outer.pitch_mm=9.525";
     let own = lab.all(&[smooth(1500.0), smooth(1500.0).set(equal)])?;
     let half = |k: usize| own[k].signal("sensors.tachometer.cam").order(10.0);
     let (with, without) = (half(0), half(1));
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend(with > 10.0 * without),
         format!(
             "order 10 of the cam at 1500 1/min, half that of the teeth: {:.2} mrad/s with pitches 20 um apart, {:.2} mrad/s with equal ones",
@@ -228,15 +228,15 @@ fn f08(lab: &Laboratory) -> Result<Answer, Unanswered> {
     ))
 }
 
-fn f09(_lab: &Laboratory) -> Result<Answer, Unanswered> {
-    Ok(Answer::new(
+fn f09(_lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
+    Ok(ClaimAnswer::new(
         Verdict::NotCheckable,
         "a strain gauge of a link here reads the force of its joint",
         "plates have no bending of their own in this model, so that there is nothing that could cancel",
     ))
 }
 
-fn f10(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn f10(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let run = lab.one(&at_1000().set(SMOOTH))?;
     let modes = lab.one(&Trial::modes(DRIVE, Plungers::Oil, 1500.0))?;
     let peaks: Vec<(f64, f64)> =
@@ -253,7 +253,7 @@ fn f10(lab: &Laboratory) -> Result<Answer, Unanswered> {
     let own: Vec<f64> = modes.modes.iter().map(|m| m.hz).filter(|hz| *hz > 20.0).take(6).collect();
     let met: Vec<f64> = own.iter().copied().filter(|hz| swings.iter().any(|s| (s / hz - 1.0).abs() < 0.03)).collect();
     let free = met.iter().filter(|hz| !driven(**hz)).count();
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend(met.len() >= 4),
         format!(
             "modes at rest {} Hz; peaks of forces of the spans, speeds of cam and arm within 3 % of {} of these six, {free} of them beside the crank's orders; the crank turns evenly",

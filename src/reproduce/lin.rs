@@ -2,7 +2,7 @@
 
 use super::laboratory::{Laboratory, Trial, Unanswered};
 use super::probes::Probe;
-use super::{Answer, Experiment, Verdict, list, peak_of, place};
+use super::{ClaimAnswer, Experiment, Verdict, list, peak_of, place};
 use crate::statics::Plungers;
 
 pub(super) const CLAIMS: [(&str, &str, Experiment); 8] = [
@@ -41,7 +41,7 @@ fn at(rpm: f64) -> Trial {
     .signals(&["slider.plunger.position", "sensors.tachometer.cam", "sensors.strain_gauge.slack", "sensors.pressure.chamber"])
 }
 
-fn l01(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn l01(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let speeds: Vec<f64> = if lab.is_quick() {
         vec![3500.0, 4500.0, 5000.0, 5500.0, 6000.0]
     } else {
@@ -65,7 +65,7 @@ fn l01(lab: &Laboratory) -> Result<Answer, Unanswered> {
         .iter()
         .max_by(|a, b| a.share("sprockets.").total_cmp(&b.share("sprockets.")))
         .map_or(f64::NAN, |m| m.hz);
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend((peak - 5000.0).abs() <= 250.0 && (mean_peak - 5000.0).abs() <= 250.0),
         format!(
             "travel from peak to peak is largest at {} 1/min ({size:.2} mm), its mean at {}, order 3 of the cam at {}; the mode in which the cams swing together on closed oil has {together:.0} Hz, order 3 at {:.0} 1/min",
@@ -79,18 +79,18 @@ fn l01(lab: &Laboratory) -> Result<Answer, Unanswered> {
     .with_plot("crank [1/min]", "plunger [mm]", vec![("peak to peak", swing), ("mean", mean)]))
 }
 
-fn l02(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn l02(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let found = lab.one(&Trial::modes(DRIVE, Plungers::Oil, 700.0))?;
     let own: Vec<f64> =
         found.modes.iter().filter(|m| m.share("sprockets.") + m.share("arms.") > 0.2).map(|m| m.hz).collect();
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::NotCheckable,
         format!("modes of sprockets and arm: {} Hz", list(&own, 0)),
         "the paper prints no frequency, measured or computed",
     ))
 }
 
-fn l03(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn l03(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let found = lab.one(&Trial::run(DRIVE, 0.02, 0.06).probe(Probe::ContactPairs))?;
     let share = found.probed("several_share");
     let pairs = found.probe.get("pairs").and_then(|p| p.as_object()).cloned().unwrap_or_default();
@@ -98,7 +98,7 @@ fn l03(lab: &Laboratory) -> Result<Answer, Unanswered> {
     let mut sorted: Vec<(String, f64)> = pairs.iter().map(|(k, v)| (k.clone(), v.as_f64().unwrap_or(0.0))).collect();
     sorted.sort_by(|a, b| b.1.total_cmp(&a.1));
     let told: Vec<String> = sorted.iter().take(6).map(|(k, v)| format!("{k} {:.0} %", 100.0 * v / total)).collect();
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend(share > 0.01 && pairs.len() >= 3),
         format!(
             "{:.0} % of the links that touch a sprocket do so in several places; features on elements: {}",
@@ -110,7 +110,7 @@ fn l03(lab: &Laboratory) -> Result<Answer, Unanswered> {
 }
 
 /// The same contact by the gap's index and by a search through the whole contour.
-fn l04(_lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn l04(_lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     use crate::geometry::Vec2;
     use crate::geometry::sprocket::{GapForm, Sprocket, SprocketSpec};
     use crate::pairs::bush_gap::gap_contact;
@@ -141,7 +141,7 @@ fn l04(_lab: &Laboratory) -> Result<Answer, Unanswered> {
             worst = worst.max((by_index - through_all).abs());
         }
     }
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::number(worst < 1e-9 && touched > POSES / 100),
         format!(
             "{POSES} random places of a bush about a sprocket of 21 teeth, {touched} of them touching: depths differ by {worst:.1e} m at most"
@@ -192,7 +192,7 @@ pub(super) fn face_step(lab: &Laboratory) -> Result<FaceStep, Unanswered> {
     })
 }
 
-fn l05(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn l05(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let step = face_step(lab)?;
     let drive = lab.drive(DRIVE, "")?;
     let mut largest_turn = 0.0_f64;
@@ -210,7 +210,7 @@ fn l05(lab: &Laboratory) -> Result<Answer, Unanswered> {
     let arcs = radii.len();
     radii.sort_by(f64::total_cmp);
     radii.dedup();
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::number(largest_turn < 1e-9 && (step.measured_n / step.oracle_n - 1.0).abs() < 0.15),
         format!(
             "faces of {arcs} arcs with {} radii, tangents continuous to {largest_turn:.0e}; force a link {:.2} N on one arc of the arm, {:.2} N on the next: {:+.2} N, T p (1/R2 - 1/R1) = {:+.2} N",
@@ -224,14 +224,14 @@ fn l05(lab: &Laboratory) -> Result<Answer, Unanswered> {
     ))
 }
 
-fn l06(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn l06(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let found = lab.one(&at(5000.0).impacts().signals(&["sensors.flow.leak", "passage.plunger.flow"]))?;
     let has = |name: &str| found.signals.get(name).is_some_and(|s| s.n > 0);
     let all =
         ["slider.plunger.position", "sensors.pressure.chamber", "sensors.flow.leak", "sensors.strain_gauge.slack"];
     let impacts = found.number("impacts.count");
     let leak = found.signal("sensors.flow.leak");
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::number(all.iter().all(|n| has(n)) && impacts > 0.0),
         format!(
             "at 5000 1/min: travel {:.2} to {:.2} mm, pressure {:.1} to {:.1} bar, leakage {:.0} ml/min, slack span {:.0} to {:.0} N, {impacts:.0} impacts of up to {:.0} N",
@@ -248,7 +248,7 @@ fn l06(lab: &Laboratory) -> Result<Answer, Unanswered> {
     ))
 }
 
-fn l07(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn l07(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let trial = |body: &str| {
         Trial::run("roller-20-40", 0.04, 0.2)
             .set(&format!("chain.bush.rollers.body={body}"))
@@ -261,7 +261,7 @@ fn l07(lab: &Laboratory) -> Result<Answer, Unanswered> {
     let strand = change(&|f| f.signal("span.driven.driver.tension").rms);
     let mean = change(&|f| f.signal("span.driven.driver.tension").mean);
     let peak = change(&|f| f.number("impacts.peak_force_max_n"));
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend([mean, strand, speed].iter().all(|c| c.abs() < 5.0)),
         format!(
             "rollers as bodies against rollers in their links: tight span {mean:+.1} % in the mean, {strand:+.0} % in its swing; order of the teeth of the driven shaft {speed:+.0} %; largest impact {peak:+.0} %"
@@ -270,7 +270,7 @@ fn l07(lab: &Laboratory) -> Result<Answer, Unanswered> {
     ))
 }
 
-fn l08(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn l08(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let own = lab.all(
         &["min", "max"].map(|form| super::schaffner_engine::with_gaps(lab, form, 3400.0).probe(Probe::ContactPairs)),
     )?;
@@ -285,7 +285,7 @@ fn l08(lab: &Laboratory) -> Result<Answer, Unanswered> {
             .map_or(f64::NAN, |p| p.values().filter_map(serde_json::Value::as_f64).sum())
     });
     let order = change(&|f| f.signal("sprocket.intake.speed").order(20.0));
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend([count, peak, impulse, order].iter().any(|c| c.abs() > 10.0)),
         format!(
             "widest against narrowest tooth gap, at 3400 1/min: impacts on the crank's sprocket {count:+.0} % in number, {peak:+.0} % in the largest force, {impulse:+.0} % in impulse; order of the teeth of the intake {order:+.0} %; contacts at an instant {touches:+.0} %"

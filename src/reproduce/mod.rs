@@ -113,7 +113,7 @@ pub struct Plot {
 
 /// What was found about a claim.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Answer {
+pub struct ClaimAnswer {
     pub verdict: Verdict,
     /// What was measured, with numbers and units.
     pub measured: String,
@@ -122,12 +122,12 @@ pub struct Answer {
     pub plot: Option<Plot>,
 }
 
-impl Answer {
-    fn new(verdict: Verdict, measured: impl Into<String>, why: impl Into<String>) -> Answer {
-        Answer { verdict, measured: measured.into(), why: why.into(), plot: None }
+impl ClaimAnswer {
+    fn new(verdict: Verdict, measured: impl Into<String>, why: impl Into<String>) -> ClaimAnswer {
+        ClaimAnswer { verdict, measured: measured.into(), why: why.into(), plot: None }
     }
 
-    fn with_plot(mut self, x: &str, y: &str, curves: Vec<(&str, Vec<(f64, f64)>)>) -> Answer {
+    fn with_plot(mut self, x: &str, y: &str, curves: Vec<(&str, Vec<(f64, f64)>)>) -> ClaimAnswer {
         let curves = curves.into_iter().map(|(name, points)| PlottedCurve { name: name.into(), points }).collect();
         self.plot = Some(Plot { x: x.into(), y: y.into(), curves });
         self
@@ -135,7 +135,7 @@ impl Answer {
 }
 
 /// How a claim is answered.
-type Experiment = fn(&Laboratory) -> Result<Answer, Unanswered>;
+type Experiment = fn(&Laboratory) -> Result<ClaimAnswer, Unanswered>;
 
 /// A claim of a paper.
 pub struct Claim {
@@ -167,7 +167,7 @@ pub struct AnsweredClaim {
     pub paper: Paper,
     pub claim: &'static str,
     #[serde(flatten)]
-    pub answer: Answer,
+    pub answer: ClaimAnswer,
     /// What it was answered by, as commands of pitchline; the first of them.
     pub ran: Vec<String>,
     /// How many trials there were.
@@ -196,7 +196,7 @@ impl Claim {
             Err(Unanswered::Waiting) => return None,
             Err(Unanswered::Broken(why)) => {
                 is_broken = true;
-                Answer::new(Verdict::NotCheckable, "a run broke down", why)
+                ClaimAnswer::new(Verdict::NotCheckable, "a run broke down", why)
             }
         };
         let asked = lab.take_asked();

@@ -3,7 +3,7 @@
 use super::laboratory::{Laboratory, Trial, TrialFacts, Unanswered};
 use super::probes::Probe;
 use super::schaffner_engine::with_gaps;
-use super::{Answer, Experiment, Verdict, list};
+use super::{ClaimAnswer, Experiment, Verdict, list};
 use std::sync::Arc;
 
 pub(super) const CLAIMS: [(&str, &str, Experiment); 8] = [
@@ -51,7 +51,7 @@ fn compared(lab: &Laboratory) -> Result<Vec<Arc<TrialFacts>>, Unanswered> {
     }))
 }
 
-fn s21(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s21(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let own = compared(lab)?;
     let expected = 20.0 / (8e-3 / (2.0 * libm::sin(std::f64::consts::PI / 40.0)));
     let pulls: Vec<f64> = own
@@ -60,7 +60,7 @@ fn s21(lab: &Laboratory) -> Result<Answer, Unanswered> {
         .collect();
     let drive = lab.drive("smartchain-20-40", "")?;
     let teeth: Vec<u32> = drive.sprockets.iter().map(|s| s.teeth).collect();
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::number(teeth == [20, 40] && pulls.iter().all(|p| (p / expected - 1.0).abs() < 0.02)),
         format!(
             "tight less slack: bush {:.1}, silent {:.1}, abutment {:.1} N; torque over radius {expected:.1} N",
@@ -78,7 +78,7 @@ fn peaks(facts: &TrialFacts) -> Vec<(String, f64)> {
     kinds.into_iter().flatten().filter_map(of).collect()
 }
 
-fn s22(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s22(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let own = compared(lab)?;
     let smart = &own[2];
     let all = peaks(smart);
@@ -87,7 +87,7 @@ fn s22(lab: &Laboratory) -> Result<Answer, Unanswered> {
     let told: Vec<String> = all.iter().map(|(kind, n)| format!("{kind} {n:.0}")).collect();
     // No peak shorter than half a tooth period.
     let rises = ["ring_front", "bush"].map(|kind| smart.number(&format!("compare.kinds.{kind}.rise_t")));
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::number(
             (largest / 130.0 - 1.0).abs() < 0.3 && engaging < 130.0 * 1.3 && rises.iter().all(|r| *r >= 0.5),
         ),
@@ -101,14 +101,14 @@ fn s22(lab: &Laboratory) -> Result<Answer, Unanswered> {
     ))
 }
 
-fn s23(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s23(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let smart = compared(lab)?.swap_remove(2);
     let share = smart.number("compare.sequence");
     let forces = smart.list("force_n");
     // The first pitch has the teeth that are being loaded.
     let along = forces.get(1..7).unwrap_or_default();
     let falls = along.windows(2).all(|w| w[1] <= w[0]) && along.len() == 6;
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend(share >= 0.99 && falls),
         format!(
             "{:.0} % of the links keep the order guide, front abutment on the ring, tooth, both abutments; mean force on a tooth, pitch by pitch from the second: {} N",
@@ -120,11 +120,11 @@ fn s23(lab: &Laboratory) -> Result<Answer, Unanswered> {
     .with_plot("pitches since the first loaded tooth", "force on a tooth [N]", vec![("abutment chain", forces.iter().enumerate().map(|(k, f)| (k as f64, *f)).collect())]))
 }
 
-fn s24(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s24(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let own = compared(lab)?;
     let rise = |k: usize, kind: &str| own[k].number(&format!("compare.kinds.{kind}.rise_t"));
     let (smart, bush, silent) = (rise(2, "bush"), rise(0, "bush"), rise(1, "flank_trailing"));
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend(smart >= 0.5 && smart > 10.0 * bush && smart > 10.0 * silent),
         format!(
             "from a tenth to nine tenths of the force on the tooth: abutment chain {smart:.2} tooth periods, bush chain {bush:.3}, silent chain {silent:.3}"
@@ -133,11 +133,11 @@ fn s24(lab: &Laboratory) -> Result<Answer, Unanswered> {
     ))
 }
 
-fn s25(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s25(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let own = compared(lab)?;
     let ratio: Vec<f64> = own.iter().map(|f| f.number("compare.peak_to_steady")).collect();
     let force: Vec<f64> = own.iter().map(|f| f.number("compare.peak_force_max_n")).collect();
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend(ratio[0] > 1.5 && ratio[1] > 1.5 && force[0] > 2.0 * force[2] && force[1] > 2.0 * force[2]),
         format!(
             "peak while engaging over the steady force: bush {:.1}, silent {:.1}, abutment {:.1}; peaks {} N",
@@ -150,7 +150,7 @@ fn s25(lab: &Laboratory) -> Result<Answer, Unanswered> {
     ))
 }
 
-fn s26(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s26(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let own = compared(lab)?;
     let stiff = lab.one(
         &Trial::run("smartchain-20-40", 0.0, 0.06)
@@ -165,7 +165,7 @@ fn s26(lab: &Laboratory) -> Result<Answer, Unanswered> {
     // Speed of the span of a polygon, which falls from its largest by 1 - cos(pi/z) and back over a tooth: its share at the order of the teeth.
     let polygon =
         100.0 * (1.0 - libm::cos(std::f64::consts::PI / 20.0)) * 8.0 / (std::f64::consts::PI * std::f64::consts::PI);
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend(stiff < 0.05),
         format!(
             "ripple of the tight span's speed at the order of the teeth: bush {:.3}, silent {:.3}, abutment {:.3} %; abutment with links and contacts ten times as stiff {stiff:.3} %; a polygon of 20 sides has {polygon:.2} %",
@@ -175,7 +175,7 @@ fn s26(lab: &Laboratory) -> Result<Answer, Unanswered> {
     ))
 }
 
-fn s27(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s27(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let speeds = if lab.is_quick() {
         vec![2000.0, 3000.0, 4000.0]
     } else {
@@ -191,7 +191,7 @@ fn s27(lab: &Laboratory) -> Result<Answer, Unanswered> {
     };
     let order = change(&|f| f.signal("sprocket.intake.speed").order(20.0));
     let peak = change(&|f| f.number("impacts.bodies.crank.peak_force_max_n"));
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend(order.abs() < 20.0 && peak.abs() < 20.0),
         format!(
             "largest against smallest tooth gap of ISO 606, median over {n} speeds: order 20 of the intake {order:+.0} %, largest impact on the crank's sprocket {peak:+.0} %"
@@ -200,8 +200,8 @@ fn s27(lab: &Laboratory) -> Result<Answer, Unanswered> {
     ))
 }
 
-fn s28(_lab: &Laboratory) -> Result<Answer, Unanswered> {
-    Ok(Answer::new(
+fn s28(_lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
+    Ok(ClaimAnswer::new(
         Verdict::NotCheckable,
         "no number is claimed",
         "an outlook; guides on elastic mounts are in the model (`guide_compliance`), crank train and block are not",

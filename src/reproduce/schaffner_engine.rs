@@ -3,7 +3,7 @@
 use super::facts::SignalFacts;
 use super::laboratory::{Laboratory, ModeFacts, Trial, TrialFacts, Unanswered};
 use super::probes::Probe;
-use super::{Answer, Experiment, Verdict, least, list, peak_of, place};
+use super::{ClaimAnswer, Experiment, Verdict, least, list, peak_of, place};
 use crate::statics::Plungers;
 use crate::statistics::median;
 use std::sync::Arc;
@@ -107,7 +107,7 @@ fn first(modes: &TrialFacts) -> Option<&ModeFacts> {
     modes.modes.iter().find(|m| m.share("sprockets.") + m.share("arms.") + m.share("sliders.") > 0.25)
 }
 
-fn s01(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s01(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let mut trials = Vec::new();
     for drive in [BUSH, SILENT] {
         for plungers in [Plungers::Open, Plungers::Oil] {
@@ -117,7 +117,7 @@ fn s01(lab: &Laboratory) -> Result<Answer, Unanswered> {
     let own = lab.all(&trials)?;
     let hz: Vec<f64> = own.iter().map(|f| first(f).map_or(f64::NAN, |m| m.hz)).collect();
     let inside = |k: usize| (80.0..=250.0).contains(&hz[k]);
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend((inside(0) || inside(1)) && (inside(2) || inside(3))),
         format!(
             "first mode of sprockets, arm and plunger: bush {:.0} Hz with free oil, {:.0} Hz with closed chambers; silent {:.0} and {:.0} Hz",
@@ -127,11 +127,11 @@ fn s01(lab: &Laboratory) -> Result<Answer, Unanswered> {
     ))
 }
 
-fn s02(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s02(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let (speeds, own) = swept(lab, BUSH, BUSH_PITCHES)?;
     let over = curve(&speeds, &own, CAM, |s| s.over_floor_db(20.0));
     let lowest = least(over.iter().filter(|p| p.0 >= 1500.0).map(|p| p.1));
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend(lowest > 10.0),
         format!(
             "order 20 of the intake's speed stands at least {lowest:.0} dB over its surroundings from 1500 1/min on"
@@ -141,12 +141,12 @@ fn s02(lab: &Laboratory) -> Result<Answer, Unanswered> {
     .with_plot("crank [1/min]", "order 20 over its floor [dB]", vec![("intake", over)]))
 }
 
-fn s03(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s03(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let drive = lab.drive(BUSH, "")?;
     let length_mm = 1e3 * drive.links as f64 * drive.chain.pitch_m();
     let crank = drive.sprockets.iter().find(|s| s.name == "crank").map_or(0, |s| s.teeth);
     let found = lab.one(&Trial::rest(BUSH))?;
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::number(drive.links == 130 && crank == 20 && (length_mm - 1040.0).abs() < 1e-9),
         format!(
             "{} links, {length_mm:.1} mm, crank {crank} teeth, cams 40; the loop closes at {:.0} N",
@@ -157,7 +157,7 @@ fn s03(lab: &Laboratory) -> Result<Answer, Unanswered> {
     ))
 }
 
-fn s04(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s04(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let bush = engine(lab, BUSH, 3400.0).set(BUSH_PITCHES);
     let ford = Trial::run("ford-v6", 0.5, 0.4).signals(&["slider.plunger.position", "slider.plunger.oil_force"]);
     let own = lab.all(&[bush, ford])?;
@@ -166,7 +166,7 @@ fn s04(lab: &Laboratory) -> Result<Answer, Unanswered> {
         1e-3 * force.rms / way.rms
     };
     let (soft, hard) = (stiffness(&own[0]), stiffness(&own[1]));
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend(hard > 20.0 * soft),
         format!(
             "force of the oil over travel, both as rms, at 3400 1/min: {soft:.1} N/mm without a check valve, {hard:.0} N/mm with one (the tensioner of the V6's drive); plungers travel {:.2} and {:.3} mm from peak to peak",
@@ -177,14 +177,14 @@ fn s04(lab: &Laboratory) -> Result<Answer, Unanswered> {
     ))
 }
 
-fn s05(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s05(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let (speeds, own) = swept(lab, BUSH, BUSH_PITCHES)?;
     let cam = curve(&speeds, &own, CAM, |s| s.order(1.5));
     let plunger = curve(&speeds, &own, "slider.plunger.position", |s| 1e3 * s.order(1.5));
     let (peak, size) = peak_of(&cam);
     let (plunger_peak, _) = peak_of(&plunger);
     let (third, _) = peak_of(&curve(&speeds, &own, CAM, |s| s.order(3.0)));
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend((peak / 3400.0 - 1.0).abs() < 0.02),
         format!(
             "order 1.5 of the intake is largest at {} 1/min ({size:.2} rad/s), of the plunger at {}; order 3 at {}; 1.5 x 3400 / 60 = 85.0 Hz",
@@ -197,7 +197,7 @@ fn s05(lab: &Laboratory) -> Result<Answer, Unanswered> {
     .with_plot("crank [1/min]", "order 1.5: intake [rad/s], plunger [mm]", vec![("intake", cam), ("plunger", plunger)]))
 }
 
-fn s06(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s06(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let own = lab.all(&[
         Trial::modes(BUSH, Plungers::Open, 700.0),
         Trial::modes(BUSH, Plungers::Locked, 700.0),
@@ -229,7 +229,7 @@ fn s06(lab: &Laboratory) -> Result<Answer, Unanswered> {
             told[0], told[1], told[2], told[3]
         )
     };
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend(hz[1] >= 1.8 * hz[0]),
         format!(
             "{:.1} Hz; plunger locked {:.0} Hz; its spring twice as stiff {:.1} Hz, links twice as stiff {:.1} Hz; locked with links of 5e6 N/m {:.0} Hz{torque}",
@@ -239,7 +239,7 @@ fn s06(lab: &Laboratory) -> Result<Answer, Unanswered> {
     ))
 }
 
-fn s07(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s07(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let speeds = [2000.0, 3400.0, 5000.0];
     let trials: Vec<Trial> = speeds.iter().map(|rpm| engine(lab, BUSH, *rpm).set(BUSH_PITCHES)).collect();
     let own = lab.all(&trials)?;
@@ -253,14 +253,14 @@ fn s07(lab: &Laboratory) -> Result<Answer, Unanswered> {
         let sizes: Vec<f64> = orders.iter().map(|o| s.order(*o)).collect();
         told.push(format!("{rpm:.0} 1/min: {} rad/s", list(&sizes, 2)));
     }
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend(present && leads),
         format!("orders 1.5, 3, 4.5, 20 of the intake: {}", told.join("; ")),
         "each more than 10 dB over its surroundings, 1.5 the largest below 4000 1/min; measured levels are lost",
     ))
 }
 
-fn s08(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s08(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let found = lab.one(&Trial::modes(BUSH, Plungers::Open, 900.0))?;
     // Cams against each other: both with much of the energy, at the top of those.
     let opposed = found
@@ -272,7 +272,7 @@ fn s08(lab: &Laboratory) -> Result<Answer, Unanswered> {
     let (speeds, own) = swept(lab, BUSH, BUSH_PITCHES)?;
     let peaks: Vec<String> =
         [6.0, 7.5, 9.0].iter().map(|o| place(peak_of(&curve(&speeds, &own, CAM, |s| s.order(*o))).0)).collect();
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         if (hz / 560.0 - 1.0).abs() < 0.08 { Verdict::Trend } else { Verdict::NotReproduced },
         format!(
             "the cams swing against each other at {hz:.0} Hz; orders 6, 7.5, 9 are largest at {} 1/min",
@@ -282,7 +282,7 @@ fn s08(lab: &Laboratory) -> Result<Answer, Unanswered> {
     ))
 }
 
-fn s09(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s09(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let step = if lab.is_quick() { 100.0 } else { 50.0 };
     let speeds: Vec<f64> = (0..).map(|k| 3850.0 + step * f64::from(k)).take_while(|rpm| *rpm <= 4350.0).collect();
     let trials: Vec<Trial> = speeds.iter().map(|rpm| engine(lab, BUSH, *rpm).set(BUSH_PITCHES)).collect();
@@ -295,7 +295,7 @@ fn s09(lab: &Laboratory) -> Result<Answer, Unanswered> {
     let (peak, size) = peak_of(&ratio);
     // Of one degree of freedom on a moving base.
     let exact = 3.0 * 1365.0;
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend((peak / exact - 1.0).abs() < 0.01),
         format!("order 20 of the transducer over that of the sprocket is largest at {peak:.0} 1/min ({size:.0} times), exactly {exact:.0}"),
         "within 1 % of 60 x 1365 / 20; the stiffness was set from the printed frequency, so that it shows the sensor's model alone",
@@ -303,7 +303,7 @@ fn s09(lab: &Laboratory) -> Result<Answer, Unanswered> {
     .with_plot("crank [1/min]", "transducer over sprocket, order 20", vec![("ratio", ratio)]))
 }
 
-fn s10(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s10(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let speeds: Vec<f64> = if lab.is_quick() {
         vec![2400.0, 2600.0, 2800.0, 3000.0, 3200.0]
     } else {
@@ -328,7 +328,7 @@ fn s10(lab: &Laboratory) -> Result<Answer, Unanswered> {
         Ok(placed.rows.iter().map(|r| r.mass_kg).sum::<f64>() / placed.rows.len() as f64)
     };
     let mass = links(SILENT)? / links(BUSH)?;
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend((peak / 2800.0 - 1.0).abs() < 0.03 && (mass - 1.1).abs() < 0.01),
         format!(
             "links {mass:.2} times as heavy; order 1.5 of the silent drive is largest at {} 1/min with the bush chain's orifice; first modes at rest, free oil: bush {:.1} Hz, silent {:.1} Hz, silent with links as stiff as the bush chain's {:.1} Hz",
@@ -339,7 +339,7 @@ fn s10(lab: &Laboratory) -> Result<Answer, Unanswered> {
     .with_plot("crank [1/min]", "order 1.5 of the intake [rad/s]", vec![("silent, orifice 3 mm", track)]))
 }
 
-fn s11(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s11(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let speeds = [2000.0, 3200.0, 4500.0];
     let orders = [1.5, 3.0, 4.5, 10.0, 20.0];
     let mut trials: Vec<Trial> = speeds.iter().map(|rpm| engine(lab, SILENT, *rpm).set(SILENT_PITCHES)).collect();
@@ -350,7 +350,7 @@ fn s11(lab: &Laboratory) -> Result<Answer, Unanswered> {
     let bush_db = own.iter().skip(3).map(|f| f.signal(CAM).over_floor_db(10.0)).fold(0.0, f64::max);
     let tenth = |k: usize| own[k].signal(CAM).order(10.0);
     let ratio: Vec<f64> = (0..3).map(|k| tenth(k) / tenth(k + 3)).collect();
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend(over.iter().all(|db| *db > 10.0) && bush_db < 3.0),
         format!(
             "orders 1.5, 3, 4.5, 10, 20 stand at least {} dB over their surroundings at 2000, 3200 and 4500 1/min; order 10 is {} times the bush chain's, which stands up to {bush_db:.0} dB over its own",
@@ -361,7 +361,7 @@ fn s11(lab: &Laboratory) -> Result<Answer, Unanswered> {
     ))
 }
 
-fn s12(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s12(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let speeds =
         if lab.is_quick() { vec![2000.0, 3200.0, 4500.0] } else { vec![1500.0, 2250.0, 3000.0, 4000.0, 5000.0] };
     let mut told = Vec::new();
@@ -378,7 +378,7 @@ fn s12(lab: &Laboratory) -> Result<Answer, Unanswered> {
         above += usize::from(silent > 5.0 * bush);
         told.push(format!("{rpm:.0} 1/min: {bush:.3}, {silent:.3}, {equal:.3}"));
     }
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend(above + 1 >= n),
         format!(
             "order 10 over order 20 of the intake: bush with pitches 50 um apart, silent with flanks +-15 um, silent with pitches 50 um apart: {}",
@@ -388,14 +388,14 @@ fn s12(lab: &Laboratory) -> Result<Answer, Unanswered> {
     ))
 }
 
-fn s13(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s13(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let trial = |drive: &str, set: &str| {
         Trial::run(drive, 0.05, 0.15).set(set).every_s(10e-6).probe(Probe::FirstTouches { sprocket: "crank".into() })
     };
     let own = lab.all(&[trial(BUSH, BUSH_PITCHES), trial(SILENT, SILENT_PITCHES)])?;
     let shift = |k: usize| own[k].probed("shift_periods");
     let radius = |k: usize| 1e3 * (own[k].probed("even_radius_mm") - own[k].probed("odd_radius_mm"));
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend(shift(1).abs() > 3.0 * shift(0).abs() && shift(0).abs() < 0.03),
         format!(
             "first touches of one row come {:.3} tooth periods early with bushes (pitches 50 um apart) and {:.3} with silent links (flanks +-15 um); {:.0} and {:.0} um further out",
@@ -408,7 +408,7 @@ fn s13(lab: &Laboratory) -> Result<Answer, Unanswered> {
     ))
 }
 
-fn s14(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s14(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let speeds = if lab.is_quick() {
         vec![2800.0, 3400.0]
     } else {
@@ -437,7 +437,7 @@ fn s14(lab: &Laboratory) -> Result<Answer, Unanswered> {
     let log = |a: f64, b: f64| libm::log(a / b);
     let tensioner = 0.5 * (log(r[1], r[0]) + log(r[3], r[2]));
     let chain = 0.5 * (log(r[2], r[0]) + log(r[3], r[1]));
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend(tensioner < 0.0 && tensioner.abs() > chain.abs()),
         format!(
             "speed of the intake, rms, median over {n} speeds: bush {:.2} and {:.2} rad/s with orifices of 3.0 and 1.2 mm, silent {:.2} and {:.2}; main effects: tensioner {:+.0} %, chain {:+.0} %; as they are built, silent over bush {:.2}",
@@ -453,13 +453,13 @@ fn s14(lab: &Laboratory) -> Result<Answer, Unanswered> {
     ))
 }
 
-fn s15(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s15(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let own = lab.all(&[Trial::modes(BUSH, Plungers::Oil, 900.0), Trial::modes(SILENT, Plungers::Oil, 900.0)])?;
     let inside = |k: usize| -> Vec<f64> {
         let modes = own[k].modes.iter().filter(|m| (500.0..=900.0).contains(&m.hz));
         modes.filter(|m| m.share("sprockets.") + m.share("arms.") > 0.1).map(|m| m.hz).collect()
     };
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::NotCheckable,
         format!(
             "modes of sprockets and arm at 500 to 900 Hz: bush {}, silent {}",
@@ -470,13 +470,13 @@ fn s15(lab: &Laboratory) -> Result<Answer, Unanswered> {
     ))
 }
 
-fn s16(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s16(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let (speeds, bush) = swept(lab, BUSH, BUSH_PITCHES)?;
     let (_, silent) = swept(lab, SILENT, SILENT_PITCHES)?;
     let of = |facts: &[Arc<TrialFacts>]| curve(&speeds, facts, CAM, |s| s.order(20.0));
     let (b, s) = (of(&bush), of(&silent));
     let ratio = median(b.iter().zip(&s).map(|(b, s)| s.1 / b.1));
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend((0.7..=1.4).contains(&ratio)),
         format!("order 20 of the intake's speed, silent over bush: median {ratio:.2} over {} speeds", speeds.len()),
         "between 0.7 and 1.4; it hangs on the form of the teeth, which is not printed",
@@ -484,7 +484,7 @@ fn s16(lab: &Laboratory) -> Result<Answer, Unanswered> {
     .with_plot("crank [1/min]", "order 20 of the intake [rad/s]", vec![("bush", b), ("silent", s)]))
 }
 
-fn s17(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s17(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let speeds = if lab.is_quick() { vec![3000.0] } else { vec![2000.0, 3000.0, 4000.0] };
     let mut trials = Vec::new();
     for (drive, set) in [(BUSH, BUSH_PITCHES), (SILENT, SILENT_PITCHES)] {
@@ -507,7 +507,7 @@ fn s17(lab: &Laboratory) -> Result<Answer, Unanswered> {
         let list: Vec<String> = sizes.iter().map(|(path, f)| format!("{path} {f:.1} N")).collect();
         told.push(format!("{name}: {}", list.join(", ")));
     }
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend(among),
         format!("order 20 of the forces into mounts, mean over {} speeds: {}", speeds.len(), told.join("; ")),
         "the pivot of the arm is among the two largest of all mounts, axes of sprockets included; the force that accelerates the arm itself is not in it, nor how a force becomes sound",
@@ -519,14 +519,14 @@ fn arm_acceleration(s: &SignalFacts, order: f64, rpm: f64) -> f64 {
     s.order(order) * order * rpm * crate::units::RPM * 0.110
 }
 
-fn s18(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s18(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let (speeds, own) = swept(lab, BUSH, BUSH_PITCHES)?;
     let track = |order: f64| -> Vec<(f64, f64)> {
         speeds.iter().zip(&own).map(|(rpm, f)| (*rpm, arm_acceleration(&f.signal(ARM), order, *rpm))).collect()
     };
     let (ten, twenty, forty) = (track(10.0), track(20.0), track(40.0));
     let ratio = median(ten.iter().zip(&twenty).map(|(a, b)| a.1 / b.1));
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend(ratio < 0.1),
         format!(
             "order 10 over order 20 of the arm's acceleration: median {ratio:.3}; order 40 over order 20: median {:.2}",
@@ -541,7 +541,7 @@ fn s18(lab: &Laboratory) -> Result<Answer, Unanswered> {
     ))
 }
 
-fn s19(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s19(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let (speeds, own) = swept(lab, SILENT, SILENT_PITCHES)?;
     let printed = [320.0, 670.0, 1150.0, 1350.0, 1500.0, 2350.0];
     let mut peaks: Vec<(f64, f64)> = Vec::new();
@@ -567,7 +567,7 @@ fn s19(lab: &Laboratory) -> Result<Answer, Unanswered> {
         .filter(|hz| peaks.iter().any(|(own, order)| (own - hz).abs() < (0.05 * hz).max(0.5 * step_hz(*order))))
         .collect();
     let told: Vec<String> = peaks.iter().map(|(hz, order)| format!("{hz:.0} (order {order:.0})")).collect();
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend(met.len() >= 3),
         format!("peaks over speed: {} Hz; of the printed ones met: {}", told.join(", "), list(&met, 0)),
         "at least three of the six printed frequencies within 5 % or half the distance of the speeds; levels are lost",
@@ -575,7 +575,7 @@ fn s19(lab: &Laboratory) -> Result<Answer, Unanswered> {
     .with_plot("frequency [Hz]", "acceleration of the arm [m/s2]", curves))
 }
 
-fn s20(lab: &Laboratory) -> Result<Answer, Unanswered> {
+fn s20(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let (speeds, bush) = swept(lab, BUSH, BUSH_PITCHES)?;
     let (_, silent) = swept(lab, SILENT, SILENT_PITCHES)?;
     let ratio = |order: f64| {
@@ -583,7 +583,7 @@ fn s20(lab: &Laboratory) -> Result<Answer, Unanswered> {
         median(speeds.iter().zip(bush.iter().zip(&silent)).map(|(rpm, (b, s))| of(s, *rpm) / of(b, *rpm)))
     };
     let (ten, twenty) = (ratio(10.0), ratio(20.0));
-    Ok(Answer::new(
+    Ok(ClaimAnswer::new(
         Verdict::trend(ten > 5.0 && (1.0 / 1.5..=1.5).contains(&twenty)),
         format!(
             "acceleration of the arm, silent over bush: order 10 {ten:.1}, order 20 {twenty:.2} (medians over {} speeds)",
