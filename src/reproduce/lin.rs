@@ -68,10 +68,10 @@ fn l01(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     Ok(ClaimAnswer::new(
         Verdict::trend((peak - 5000.0).abs() <= 250.0 && (mean_peak - 5000.0).abs() <= 250.0),
         format!(
-            "travel from peak to peak is largest at {} 1/min ({size:.2} mm), its mean at {}, order 3 of the cam at {}; the mode in which the cams swing together on closed oil has {together:.0} Hz, order 3 at {:.0} 1/min",
-            place(peak),
-            place(mean_peak),
-            place(cam_peak),
+            "travel from peak to peak is largest at {} ({size:.2} mm), its mean at {}, order 3 of the cam at {}; the mode in which the cams swing together on closed oil has {together:.0} Hz, order 3 at {:.0} 1/min",
+            place(peak, "1/min"),
+            place(mean_peak, "1/min"),
+            place(cam_peak, "1/min"),
             20.0 * together
         ),
         "both peaks within 250 1/min of 5000; the stiffness of a link was chosen for a mode of 250 Hz, so that the speed is no test, the peak of the plunger is",

@@ -239,8 +239,8 @@ fn peak_of(points: &[(f64, f64)]) -> (f64, f64) {
 }
 
 /// A place of [`peak_of`] as text.
-fn place(x: f64) -> String {
-    if x.is_finite() { format!("{x:.0}") } else { "an end of the sweep".into() }
+fn place(x: f64, unit: &str) -> String {
+    if x.is_finite() { format!("{x:.0} {unit}") } else { "an end of the sweep".into() }
 }
 
 /// The smallest; NaN where one is none.
