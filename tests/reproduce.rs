@@ -1,7 +1,7 @@
 //! Claims of the papers: answered from their trials alone, going on from a journal, and honest about what breaks down.
 
-use pitchline::reproduce::laboratory::{Laboratory, Pace, Trial};
-use pitchline::reproduce::{Verdict, claims};
+use pitchline::reproduce::laboratory::{ClaimTrial, Laboratory, WorkPace};
+use pitchline::reproduce::{ClaimVerdict, claims};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::atomic::AtomicBool;
@@ -13,8 +13,8 @@ fn folder(name: &str) -> PathBuf {
     path
 }
 
-fn answered(ids: &[&str], journal: &Path, threads: usize) -> (Vec<(String, Verdict, String)>, usize) {
-    let mut lab = Laboratory::open(Pace::Quick, journal).expect("a laboratory");
+fn answered(ids: &[&str], journal: &Path, threads: usize) -> (Vec<(String, ClaimVerdict, String)>, usize) {
+    let mut lab = Laboratory::open(WorkPace::Quick, journal).expect("a laboratory");
     let mut done = 0;
     loop {
         let all: Vec<_> = claims().into_iter().filter(|c| ids.contains(&c.id)).collect();
@@ -41,12 +41,12 @@ fn claims_are_answered_and_kept() {
     for (id, verdict, measured) in &first {
         println!("{id}: {} ({measured})", verdict.name());
         let expected = match id.as_str() {
-            "C03" | "C06" => Verdict::ContradictsItself,
-            "C16" => Verdict::NotCheckable,
-            "S24" | "S25" => Verdict::Trend,
+            "C03" | "C06" => ClaimVerdict::ContradictsItself,
+            "C16" => ClaimVerdict::NotCheckable,
+            "S24" | "S25" => ClaimVerdict::Trend,
             // The order of touches holds, the force on the teeth does not fall all along the wrap.
-            "S23" => Verdict::NotReproduced,
-            _ => Verdict::Reproduced,
+            "S23" => ClaimVerdict::NotReproduced,
+            _ => ClaimVerdict::Reproduced,
         };
         assert_eq!(*verdict, expected, "{id}: {measured}");
     }
@@ -62,11 +62,11 @@ fn claims_are_answered_and_kept() {
 #[test]
 fn what_breaks_down_is_told() {
     let path = folder("broken");
-    let mut lab = Laboratory::open(Pace::Quick, &path.join("trials.jsonl")).expect("a laboratory");
+    let mut lab = Laboratory::open(WorkPace::Quick, &path.join("trials.jsonl")).expect("a laboratory");
     let broken = [
-        Trial::rest("no-such-drive"),
-        Trial::run("bush-20-40", 0.0, 1e-3).set("chain.bush.pitch_mm=-8"),
-        Trial::run("bush-20-40", 0.0, 1e-3).signals(&["sprocket.nobody.speed"]),
+        ClaimTrial::rest("no-such-drive"),
+        ClaimTrial::run("bush-20-40", 0.0, 1e-3).set("chain.bush.pitch_mm=-8"),
+        ClaimTrial::run("bush-20-40", 0.0, 1e-3).signals(&["sprocket.nobody.speed"]),
     ];
     let mut told = Vec::new();
     lab.work(&broken, 1, &AtomicBool::new(false), |trial, facts| {

@@ -2,8 +2,8 @@
 
 use super::{Failure, Outcome, print_json, print_out};
 use crate::render::claims::html;
-use crate::reproduce::laboratory::{Laboratory, Pace, Trial};
-use crate::reproduce::{AnsweredClaim, Claim, Paper, Verdict, claims};
+use crate::reproduce::laboratory::{ClaimTrial, Laboratory, WorkPace};
+use crate::reproduce::{AnsweredClaim, ClaimVerdict, Paper, PaperClaim, claims};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -41,7 +41,7 @@ pub fn run(args: &ReproduceArgs) -> Result<Outcome, Failure> {
         return print_out(&rows);
     }
     std::fs::create_dir_all(&args.output).map_err(|e| Failure::World(format!("{}: {e}", args.output.display())))?;
-    let pace = if args.quick { Pace::Quick } else { Pace::Whole };
+    let pace = if args.quick { WorkPace::Quick } else { WorkPace::Whole };
     let journal = args.output.join("trials.jsonl");
     let mut lab =
         Laboratory::open(pace, &journal).map_err(|e| Failure::World(format!("{}: {e}", journal.display())))?;
@@ -89,7 +89,7 @@ pub fn run(args: &ReproduceArgs) -> Result<Outcome, Failure> {
 }
 
 /// The claims that were asked for.
-fn chosen(args: &ReproduceArgs) -> Result<Vec<Claim>, Failure> {
+fn chosen(args: &ReproduceArgs) -> Result<Vec<PaperClaim>, Failure> {
     let all = claims();
     for wanted in &args.claims {
         if all.iter().all(|c| !c.id.eq_ignore_ascii_case(wanted)) {
@@ -98,11 +98,11 @@ fn chosen(args: &ReproduceArgs) -> Result<Vec<Claim>, Failure> {
             )));
         }
     }
-    let is_wanted = |c: &Claim| {
+    let is_wanted = |c: &PaperClaim| {
         (args.claims.is_empty() || args.claims.iter().any(|w| c.id.eq_ignore_ascii_case(w)))
             && args.paper.as_deref().is_none_or(|p| p == c.paper.name())
     };
-    let own: Vec<Claim> = all.into_iter().filter(is_wanted).collect();
+    let own: Vec<PaperClaim> = all.into_iter().filter(is_wanted).collect();
     if own.is_empty() {
         return Err(Failure::Input("the paper has none of these claims".to_string()));
     }
@@ -110,8 +110,8 @@ fn chosen(args: &ReproduceArgs) -> Result<Vec<Claim>, Failure> {
 }
 
 /// Progress on stderr, only on a terminal: in simulated time.
-fn progress_bar(wanted: &[Trial]) -> ProgressBar {
-    let bar = ProgressBar::new(wanted.iter().map(Trial::cost).sum());
+fn progress_bar(wanted: &[ClaimTrial]) -> ProgressBar {
+    let bar = ProgressBar::new(wanted.iter().map(ClaimTrial::cost).sum());
     if let Ok(style) = ProgressStyle::with_template("{bar:40} {percent} %  {elapsed} elapsed, {eta} to go") {
         bar.set_style(style);
     }
@@ -146,9 +146,9 @@ fn text(answers: &[AnsweredClaim], asked: usize, outputs: &[PathBuf]) -> String 
         }
         text.push('\n');
     }
-    let count = |v: Verdict| answers.iter().filter(|a| a.answer.verdict == v).count();
+    let count = |v: ClaimVerdict| answers.iter().filter(|a| a.answer.verdict == v).count();
     let counts: Vec<String> =
-        Verdict::ALL.iter().filter(|v| count(**v) > 0).map(|v| format!("{} {}", count(*v), v.name())).collect();
+        ClaimVerdict::ALL.iter().filter(|v| count(**v) > 0).map(|v| format!("{} {}", count(*v), v.name())).collect();
     let _infallible = writeln!(text, "{} of {asked} claims answered: {}", answers.len(), counts.join(", "));
     for path in outputs {
         let _infallible = writeln!(text, "wrote {}", Path::new(path).display());

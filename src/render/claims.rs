@@ -1,7 +1,7 @@
 //! The page of claims: one self-contained HTML file, with a picture where there is a curve.
 
 use super::escape;
-use crate::reproduce::{AnsweredClaim, Paper, Plot, Verdict};
+use crate::reproduce::{AnsweredClaim, ClaimVerdict, Paper, Plot};
 use std::fmt::Write;
 
 /// Size of a picture and its margins: left, below, above [px].
@@ -9,13 +9,13 @@ const SIZE: (f64, f64) = (560.0, 230.0);
 const MARGINS: (f64, f64, f64) = (58.0, 38.0, 24.0);
 const COLOURS: [&str; 6] = ["#1c6dd0", "#c92a2a", "#2b8a3e", "#e67700", "#862e9c", "#0b7285"];
 
-fn colour(verdict: Verdict) -> &'static str {
+fn colour(verdict: ClaimVerdict) -> &'static str {
     match verdict {
-        Verdict::Reproduced => "#2b8a3e",
-        Verdict::Trend => "#5c940d",
-        Verdict::NotReproduced => "#c92a2a",
-        Verdict::ContradictsItself => "#862e9c",
-        Verdict::NotCheckable => "#868e96",
+        ClaimVerdict::Reproduced => "#2b8a3e",
+        ClaimVerdict::Trend => "#5c940d",
+        ClaimVerdict::NotReproduced => "#c92a2a",
+        ClaimVerdict::ContradictsItself => "#862e9c",
+        ClaimVerdict::NotCheckable => "#868e96",
     }
 }
 
@@ -47,11 +47,11 @@ pub fn html(answers: &[AnsweredClaim], pace: &str) -> String {
 
 fn summary(answers: &[AnsweredClaim]) -> String {
     let mut table = String::from("<table><tr><th>paper</th>");
-    Verdict::ALL.iter().for_each(|v| table += &format!("<th>{}</th>", v.name()));
+    ClaimVerdict::ALL.iter().for_each(|v| table += &format!("<th>{}</th>", v.name()));
     table += "<th>claims</th></tr>\n";
     let row = |name: &str, own: &[&AnsweredClaim]| {
         let mut row = format!("<tr><td>{name}</td>");
-        for verdict in Verdict::ALL {
+        for verdict in ClaimVerdict::ALL {
             row += &format!("<td>{}</td>", own.iter().filter(|a| a.answer.verdict == verdict).count());
         }
         row + &format!("<td>{}</td></tr>\n", own.len())

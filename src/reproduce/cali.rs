@@ -1,8 +1,8 @@
 //! Claims of Calì, Sequenzia, Oliveri and Fatuzzo on the timing drive of a V12 engine.
 
-use super::laboratory::{Laboratory, Trial, TrialFacts, Unanswered};
+use super::laboratory::{ClaimTrial, Laboratory, TrialFacts, Unanswered};
 use super::probes::Probe;
-use super::{ClaimAnswer, Experiment, Verdict, list, peak_of, place};
+use super::{ClaimAnswer, ClaimVerdict, Experiment, list, peak_of, place};
 use crate::drive::OuterSpec;
 use crate::statics::Plungers;
 use std::f64::consts::{PI, TAU};
@@ -69,10 +69,10 @@ fn valve_torque_nm(rpm: f64) -> f64 {
 
 /// Ten laps of the chain after the first mode has died away (time constant 0.2 s), at an even speed: the paper's ripple of 1 % slackens the chain at any speed
 /// beyond the first mode.
-fn steady(lab: &Laboratory, drive: &str, rpm: f64) -> Trial {
+fn steady(lab: &Laboratory, drive: &str, rpm: f64) -> ClaimTrial {
     let laps = if lab.is_quick() { 4.0 } else { 10.0 };
     let torque = valve_torque_nm(rpm);
-    Trial::run(drive, settle_s(lab), laps * 48.0 / 18.0 * 60.0 / rpm)
+    ClaimTrial::run(drive, settle_s(lab), laps * 48.0 / 18.0 * 60.0 / rpm)
         .set(&format!(
             "speeds.table.crank.speeds_rpm=[{rpm},{rpm}] speeds.table.crank.amplitudes_deg=[0] loads.orders.idler.torques_nm=[{torque:.3}]"
         ))
@@ -80,8 +80,8 @@ fn steady(lab: &Laboratory, drive: &str, rpm: f64) -> Trial {
 }
 
 /// The sweep of the paper, with this angle of its ripple [deg].
-fn sweep(drive: &str, ripple_deg: f64) -> Trial {
-    Trial::run(drive, 0.0, 1.4)
+fn sweep(drive: &str, ripple_deg: f64) -> ClaimTrial {
+    ClaimTrial::run(drive, 0.0, 1.4)
         .set(&format!("speeds.table.crank.amplitudes_deg=[{ripple_deg}]"))
         .every_s(100e-6)
         .signals(&[IDLER, "sensors.strain_gauge.slack"])
@@ -91,13 +91,13 @@ fn sweep(drive: &str, ripple_deg: f64) -> Trial {
 
 fn c01(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let found = lab.one(
-        &Trial::run("v12", 0.0, 0.05)
+        &ClaimTrial::run("v12", 0.0, 0.05)
             .set("speeds.table.crankshaft.speeds_rpm=[4000,4000] speeds.table.crankshaft.amplitudes_deg=[0]"),
     )?;
     let watts = |name: &str| found.number(&format!("run.energy.{name}_j")) / found.number("run.simulated_s");
     let lost = |name: &str| watts(&format!("dissipated_by.{name}"));
     Ok(ClaimAnswer::new(
-        Verdict::NotCheckable,
+        ClaimVerdict::NotCheckable,
         format!(
             "friction of the V12's drive at 4000 1/min: joints {:.0} W, teeth {:.0} W, guides {:.0} W; camshafts and pump {:.0} W",
             lost("pin_friction"),
@@ -113,9 +113,9 @@ fn c02(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let drive = lab.drive(BASE, "")?;
     let teeth = drive.sprockets.iter().find(|s| s.name == "idler").map_or(0, |s| s.teeth);
     let radius_mm = 1e3 * drive.chain.pitch_m() / (2.0 * libm::sin(PI / f64::from(teeth)));
-    let rest = lab.one(&Trial::rest(BASE))?;
+    let rest = lab.one(&ClaimTrial::rest(BASE))?;
     Ok(ClaimAnswer::new(
-        Verdict::number((radius_mm - 42.54).abs() < 5e-3 && drive.links == 48),
+        ClaimVerdict::number((radius_mm - 42.54).abs() < 5e-3 && drive.links == 48),
         format!(
             "{teeth} teeth: radius {radius_mm:.4} mm; {} links close at {:.1} N",
             drive.links,
@@ -134,14 +134,14 @@ fn c03(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let own = lab.all(&[
         steady(lab, BASE, 7750.0),
         steady(lab, BASE, 7750.0).set(HEAVY),
-        Trial::modes(BASE, Plungers::Oil, 400.0),
-        Trial::modes(BASE, Plungers::Oil, 400.0).set(HEAVY),
+        ClaimTrial::modes(BASE, Plungers::Oil, 400.0),
+        ClaimTrial::modes(BASE, Plungers::Oil, 400.0).set(HEAVY),
     ])?;
     let slack = |k: usize| own[k].signal("sensors.strain_gauge.slack");
     let hz = |k: usize| idler_mode(&own[k]);
     let by_metre = mass_by_metre(1.15);
     Ok(ClaimAnswer::new(
-        Verdict::ContradictsItself,
+        ClaimVerdict::ContradictsItself,
         format!(
             "1.15 kg/m x 9.525 mm = {:.5} kg, printed 0.01782 (x {:.3}); at 7750 1/min the slack span has {:.0} to {:.0} N with the lighter link, {:.0} to {:.0} N with the heavier; first mode {:.1} and {:.1} Hz",
             by_metre,
@@ -160,7 +160,7 @@ fn c03(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
 fn c04(_lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let by_metre = mass_by_metre(1.02);
     Ok(ClaimAnswer::new(
-        Verdict::ContradictsItself,
+        ClaimVerdict::ContradictsItself,
         format!("1.02 kg/m x 9.525 mm = {by_metre:.5} kg, printed 0.0162 (x {:.3})", 0.0162 / by_metre),
         "the two masses exclude each other, by nearly the same factor as those of the silent link",
     ))
@@ -172,15 +172,15 @@ fn idler_mode(modes: &TrialFacts) -> f64 {
 }
 
 fn c05(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
-    let at = |y_mm: f64| Trial::run(BASE, 0.0, 1e-3).set(&format!("sprockets.idler.y_mm={y_mm:.3}"));
-    let whole = Trial::run("v12", 0.0, 1e-3).set("speeds.table.crankshaft.speeds_rpm=[1000,1000]");
+    let at = |y_mm: f64| ClaimTrial::run(BASE, 0.0, 1e-3).set(&format!("sprockets.idler.y_mm={y_mm:.3}"));
+    let whole = ClaimTrial::run("v12", 0.0, 1e-3).set("speeds.table.crankshaft.speeds_rpm=[1000,1000]");
     let own = lab.all(&[at(117.838), at(117.899), at(117.953), whole])?;
     let n: Vec<f64> = own.iter().take(3).map(|f| f.number("assembly.preload_n")).collect();
     let rollers: Vec<f64> =
         ["right", "left"].iter().map(|c| own[3].number(&format!("assembly.preloads.{c}.mean_n"))).collect();
     let is_preset = n.iter().zip([200.0, 250.0, 300.0]).all(|(own, preset)| (own / preset - 1.0).abs() < 0.01);
     Ok(ClaimAnswer::new(
-        Verdict::trend(is_preset && rollers.iter().all(|v| (350.0..=525.0).contains(v))),
+        ClaimVerdict::trend(is_preset && rollers.iter().all(|v| (350.0..=525.0).contains(v))),
         format!(
             "silent chain at rest {} N with the idler 62 um down, drawn, 53 um up; roller chains {} N",
             list(&n, 0),
@@ -211,15 +211,16 @@ fn lankarani_restitution(e: f64) -> f64 {
 fn c06(_lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let e = lankarani_restitution(0.71);
     Ok(ClaimAnswer::new(
-        Verdict::ContradictsItself,
+        ClaimVerdict::ContradictsItself,
         format!("a fall with e = 0.71 onto the law of Lankarani and Nikravesh comes back with {e:.3} of its speed"),
         "E stands there in kg m^-2; a restitution of 0.71 put into that law is not what comes out, so that it says too little to be used as both",
     ))
 }
 
 fn c07(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
-    let at = |nm: f64| Trial::rest(BASE).set(&format!("loads.constant.idler.torque_nm={nm}"));
-    let own = lab.all(&[at(0.0), at(2.0), at(4.0), at(30.0), at(32.0), Trial::modes(BASE, Plungers::Oil, 400.0)])?;
+    let at = |nm: f64| ClaimTrial::rest(BASE).set(&format!("loads.constant.idler.torque_nm={nm}"));
+    let own =
+        lab.all(&[at(0.0), at(2.0), at(4.0), at(30.0), at(32.0), ClaimTrial::modes(BASE, Plungers::Oil, 400.0)])?;
     let angle = |k: usize| own[k].number("coordinates.idler");
     let slope = |a: usize, b: usize, nm: f64| nm / (angle(b) - angle(a)).abs();
     let (small, large) = (slope(0, 2, 4.0), slope(3, 4, 2.0));
@@ -238,7 +239,7 @@ fn c07(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
         .map_or(f64::NAN, |m| m.share("sprockets.idler"));
     let by_mode = inertia_kg_m2 / share * (TAU * hz) * (TAU * hz);
     Ok(ClaimAnswer::new(
-        Verdict::NotCheckable,
+        ClaimVerdict::NotCheckable,
         format!(
             "crank held: the idler turns by a torque with {:.2e} N m/rad at no load, {:.2e} N m/rad at 30 N m; its mode of {hz:.1} Hz has {:.2e}",
             small, large, by_mode
@@ -257,7 +258,7 @@ fn c08(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let um: Vec<f64> = own.iter().map(|f| 1e6 * f.probed("largest_n") / 6.5e7).collect();
     let inside = |v: &f64| (12.0 * 0.8..=15.0 * 1.2).contains(v);
     Ok(ClaimAnswer::new(
-        Verdict::trend(um.get(2).is_some_and(inside)),
+        ClaimVerdict::trend(um.get(2).is_some_and(inside)),
         format!(
             "largest extension of a link at 1000, 4000, 7750 1/min: {} um with 1.15 kg/m, {} um with 0.01782 kg",
             list(&um[..3], 1),
@@ -268,10 +269,10 @@ fn c08(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
 }
 
 fn c09(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
-    let own = lab.one(&Trial::modes(BASE, Plungers::Oil, 400.0))?;
+    let own = lab.one(&ClaimTrial::modes(BASE, Plungers::Oil, 400.0))?;
     let damping = own.modes.iter().find(|m| m.share("sprockets.idler") > 0.25).and_then(|m| m.damping_ratio);
     Ok(ClaimAnswer::new(
-        Verdict::NotCheckable,
+        ClaimVerdict::NotCheckable,
         format!(
             "damping of the idler's mode: {:.2} % of critical by joints and blade, beside friction",
             100.0 * damping.unwrap_or(f64::NAN)
@@ -287,7 +288,7 @@ fn c10(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
         drive.sprockets.len() - drive.sprockets.iter().filter(|s| s.shaft.is_some()).count() + drive.shafts.len();
     let guides = drive.rails.len();
     Ok(ClaimAnswer::new(
-        Verdict::number(links == 296 && shafts == 7 && guides == 10),
+        ClaimVerdict::number(links == 296 && shafts == 7 && guides == 10),
         format!(
             "{links} links, {} sprockets on {shafts} shafts, {guides} guides of which 2 arms and 2 blades; 296 x 6 + 24 = 1800",
             drive.sprockets.len()
@@ -297,7 +298,7 @@ fn c10(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
 }
 
 fn c11(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
-    let mut trials: Vec<Trial> = Vec::new();
+    let mut trials: Vec<ClaimTrial> = Vec::new();
     for y_mm in [117.838, 117.953] {
         for rpm in [1000.0, 4000.0, 7750.0] {
             trials.push(steady(lab, BASE, rpm).set(&format!("sprockets.idler.y_mm={y_mm}")));
@@ -308,7 +309,7 @@ fn c11(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let tight: Vec<f64> = own.iter().take(6).map(|f| f.signal("sensors.strain_gauge.tight").mean).collect();
     let swept = own.last().map_or(f64::NAN, |f| f.number("run.simulated_s"));
     Ok(ClaimAnswer::new(
-        Verdict::number(own.iter().all(|f| f.number("run.steps") > 0.0) && (swept - 1.4).abs() < 1e-3),
+        ClaimVerdict::number(own.iter().all(|f| f.number("run.steps") > 0.0) && (swept - 1.4).abs() < 1e-3),
         format!(
             "all run: mean of the tight span {} N (200 N, then 300 N), and the sweep in {swept:.3} s",
             list(&tight, 0)
@@ -357,7 +358,7 @@ fn c12(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     };
     let is_met = |v: f64| (v / 0.191 - 1.0).abs() < 0.01;
     Ok(ClaimAnswer::new(
-        Verdict::number(is_met(early) && is_met(late) && (order - 2.9985).abs() < 1e-3 && worst_speed < 5e-4),
+        ClaimVerdict::number(is_met(early) && is_met(late) && (order - 2.9985).abs() < 1e-3 && worst_speed < 5e-4),
         format!(
             "the drive's crank: ripple of order {order:.4}, angle {early:.4} deg at first and {late:.4} deg at last; its speed is the printed one within {:.3} %",
             100.0 * worst_speed
@@ -369,7 +370,7 @@ fn c12(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
 fn c13(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let rpm = 4000.0;
     let at = |set: &str| {
-        Trial::run("v12", 1.0, 0.24)
+        ClaimTrial::run("v12", 1.0, 0.24)
             .set(&format!(
                 "speeds.table.crankshaft.speeds_rpm=[{rpm},{rpm}] speeds.table.crankshaft.amplitudes_deg=[0] {set}"
             ))
@@ -382,7 +383,7 @@ fn c13(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let (even, runout) = (of(0), of(1));
     let share = even[2] / even[4];
     Ok(ClaimAnswer::new(
-        Verdict::NotReproduced,
+        ClaimVerdict::NotReproduced,
         format!(
             "idler at 4000 1/min, orders 0.5, 1, 1.5, 3, 6: {} mrad/s; with a runout of the crank's sprocket of 20 um {} mrad/s",
             list(&even, 1),
@@ -397,9 +398,9 @@ fn c13(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
 }
 
 /// The idler at steady speeds, after the first mode has died away.
-fn idler_at(lab: &Laboratory, speeds: &[f64], set: &str) -> Vec<Trial> {
+fn idler_at(lab: &Laboratory, speeds: &[f64], set: &str) -> Vec<ClaimTrial> {
     let at = |rpm: &f64| {
-        Trial::run(BASE, settle_s(lab), 24.0 * 60.0 / rpm)
+        ClaimTrial::run(BASE, settle_s(lab), 24.0 * 60.0 / rpm)
             .set(&format!("speeds.table.crank.speeds_rpm=[{rpm},{rpm}] loads.orders.idler.torques_nm=[0] {set}"))
             .every_s(100e-6)
             .signals(&[IDLER])
@@ -426,13 +427,13 @@ fn c14(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let speeds = speeds_to(4700.0, 5700.0, step);
     let ripple = "speeds.table.crank.orders=[1.5] speeds.table.crank.amplitudes_deg=[0.0382]";
     let mut trials = idler_at(lab, &speeds, ripple);
-    trials.push(Trial::modes(BASE, Plungers::Oil, 400.0));
+    trials.push(ClaimTrial::modes(BASE, Plungers::Oil, 400.0));
     let own = lab.all(&trials)?;
     let hz = own.last().map_or(f64::NAN, |f| idler_mode(f));
     let track = swings(&speeds, &own, 1.5);
     let rpm = peak_of(&track).0 * 60.0 / 1.5;
     Ok(ClaimAnswer::new(
-        Verdict::trend((4875.0..=5250.0).contains(&rpm)),
+        ClaimVerdict::trend((4875.0..=5250.0).contains(&rpm)),
         format!("with a ripple of order 1.5 and 0.1 % the idler swings most at {} of the crank; mode at rest {hz:.1} Hz; 1.5 x 5000 / 60 = 125 Hz; the idler turns at 4982 when the crank has 7750", place(rpm, "1/min")),
         "4875 to 5250 1/min of the shaft that is counted on, the crank here; the paper does not name it. The inertia was chosen for 130 Hz, so that it is no test",
     )
@@ -444,13 +445,13 @@ fn c15(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let fine = if lab.is_quick() { speeds_to(2300.0, 2700.0, 50.0) } else { speeds_to(2200.0, 2740.0, 20.0) };
     let mut trials = idler_at(lab, &coarse, "speeds.table.crank.amplitudes_deg=[0.191]");
     trials.extend(idler_at(lab, &fine, "speeds.table.crank.amplitudes_deg=[0.0382]"));
-    trials.push(Trial::modes(BASE, Plungers::Oil, 400.0));
+    trials.push(ClaimTrial::modes(BASE, Plungers::Oil, 400.0));
     let own = lab.all(&trials)?;
     let hz = own.last().map_or(f64::NAN, |f| idler_mode(f));
     let (printed, small) = (swings(&coarse, &own, RIPPLE_ORDER), swings(&fine, &own[coarse.len()..], RIPPLE_ORDER));
     let (at_printed, at_small) = (peak_of(&printed).0, peak_of(&small).0);
     Ok(ClaimAnswer::new(
-        Verdict::number((at_printed - 130.0).abs() < 4.0),
+        ClaimVerdict::number((at_printed - 130.0).abs() < 4.0),
         format!("mode at rest {hz:.1} Hz; at steady speeds order 3 of the idler is largest at {} with the printed ripple of 1 %, at {} with a fifth of it; order 1.5: see C14", place(at_printed, "Hz"), place(at_small, "Hz")),
         "130 +- 4 Hz with the printed ripple. With 1 % the slack span goes slack for a part of the time, and the drive softens; with a fifth of it the peak is where the mode is, for which the inertia was chosen",
     )
@@ -459,7 +460,7 @@ fn c15(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
 
 fn c16(_lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     Ok(ClaimAnswer::new(
-        Verdict::NotCheckable,
+        ClaimVerdict::NotCheckable,
         "no measured trace survives",
         "the error would be rms(simulated - measured) / rms(measured) over 1440 deg",
     ))
@@ -477,7 +478,7 @@ fn c17(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
         };
         let intake = list(&torques([3.74, 1.45, 0.45], [12.56, 3.51, 0.97]), 3).replace(' ', "");
         let exhaust = list(&torques([2.95, 1.36, 0.63], [11.05, 3.39, 1.45]), 3).replace(' ', "");
-        Trial::run("v12", 0.5, 24.0 * 60.0 / rpm)
+        ClaimTrial::run("v12", 0.5, 24.0 * 60.0 / rpm)
             .set(&format!(
                 "speeds.table.crankshaft.speeds_rpm=[{rpm},{rpm}] speeds.table.crankshaft.amplitudes_deg=[0]"
             ))
@@ -509,7 +510,7 @@ fn c17(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     });
     let in_phase = phases.iter().all(|p| p.abs() < 20.0);
     Ok(ClaimAnswer::new(
-        Verdict::trend(high < 2.0 * low && (peak - 7750.0).abs() <= 250.0 && in_phase),
+        ClaimVerdict::trend(high < 2.0 * low && (peak - 7750.0).abs() <= 250.0 && in_phase),
         format!(
             "speed of the V12's idler, rms: below 5000 1/min it varies by a factor of {:.1}, largest at {}; next to 7750 it swings most at order {order:.1}, the intake cams {} deg ahead of it",
             high / low, place(peak, "1/min"), list(&phases, 0)
@@ -520,7 +521,7 @@ fn c17(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
 }
 
 /// Meshing angles at the three speeds.
-fn angles(lab: &Laboratory, drive: &str, rpm: f64) -> Trial {
+fn angles(lab: &Laboratory, drive: &str, rpm: f64) -> ClaimTrial {
     steady(lab, drive, rpm).probe(Probe::Meshing)
 }
 
@@ -537,7 +538,7 @@ fn c18(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
         [1000, 4000, 7750].iter().zip(&table).map(|(rpm, row)| format!("{rpm}: {}", list(row, 2))).collect();
     let yes = |b: bool| if b { "yes" } else { "no" };
     Ok(ClaimAnswer::new(
-        Verdict::trend(largest_behind_crank && falls && rises),
+        ClaimVerdict::trend(largest_behind_crank && falls && rises),
         format!(
             "largest angle one [deg] into crank, out of crank, into idler, out of idler: {} (printed .33, 2.82, .17, .53; .21, 1.76, .11, .33; .48, 3.14, .73, .15); largest behind the crank: {}; smaller at 4000: {}; rising to 7750 at three, falling behind the idler: {}",
             told.join("; "),
@@ -566,7 +567,7 @@ fn c19(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let wrap = on_idler.map_or(f64::NAN, |(_, w)| w.sweep_rad.abs());
     let own = wrap.to_degrees() * 28.0 / 18.0;
     Ok(ClaimAnswer::new(
-        Verdict::ContradictsItself,
+        ClaimVerdict::ContradictsItself,
         format!(
             "turns of the crank at which a link passes the stations: {} / {} / {} deg; our idler is wrapped by {:.1} deg, {own:.1} deg of the crank, between the third and the fourth station (printed 315)",
             list(&rows[0], 1),
@@ -584,7 +585,7 @@ fn c20(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let table: Vec<(f64, f64)> = (0..3).map(|k| (force(k, "crank"), force(k, "idler"))).collect();
     let told: Vec<String> = table.iter().map(|(c, i)| format!("{c:.0} and {i:.0} N")).collect();
     Ok(ClaimAnswer::new(
-        Verdict::trend(table[0].0 > table[0].1 && table[1].0 > table[1].1 && table[2].1 > table[2].0),
+        ClaimVerdict::trend(table[0].0 > table[0].1 && table[1].0 > table[1].1 && table[2].1 > table[2].0),
         format!("largest impacts on crank and idler at 1000, 4000, 7750 1/min: {}", told.join("; ")),
         "crank before idler at 1000 and 4000, idler before crank at 7750",
     ))
@@ -596,7 +597,7 @@ fn c21(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let ratio = |station: &str, angle: &str| rms(0, station, angle) / rms(1, station, angle);
     let (crank, idler) = (ratio("crank_in", "a1"), ratio("idler_in", "a1"));
     Ok(ClaimAnswer::new(
-        Verdict::trend(crank >= 1.5 && idler < crank),
+        ClaimVerdict::trend(crank >= 1.5 && idler < crank),
         format!(
             "rms of angle one at 7750 1/min, guide as it is and longer: crank {:.2} and {:.2} deg (ratio {crank:.2}), idler {:.2} and {:.2} deg ({idler:.2}); angle two on the crank {:.2} and {:.2} deg",
             rms(0, "crank_in", "a1"),
@@ -623,7 +624,7 @@ fn c22(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let (base, longer) = (blade(&own[0]), blade(&own[1]));
     let ratio = longer / base;
     Ok(ClaimAnswer::new(
-        Verdict::trend((0.35..=0.75).contains(&ratio)),
+        ClaimVerdict::trend((0.35..=0.75).contains(&ratio)),
         format!(
             "largest deflection of the blade's middle from its free form at 7750 1/min: {base:.2} mm, with the longer guide {longer:.2} mm (ratio {ratio:.2}); slack span {:.0} to {:.0} N and {:.0} to {:.0} N",
             own[0].signal("sensors.strain_gauge.slack").low,
@@ -652,7 +653,7 @@ fn c23(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     };
     let (below, above) = (100.0 * ratio(1000.0, 6000.0), 100.0 * ratio(7000.0, 8000.0));
     Ok(ClaimAnswer::new(
-        Verdict::trend(below.abs() < 5.0 && above > 10.0),
+        ClaimVerdict::trend(below.abs() < 5.0 && above > 10.0),
         format!("largest force of a joint without the longer guide against with it: {below:+.1} % from 1000 to 6000 1/min, {above:+.1} % from 7000 to 8000 (medians)"),
         "less than 5 % below 6000 and more than 10 % above 7000",
     )
@@ -671,7 +672,7 @@ fn c24(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     };
     let open = 100.0 - third(0, 1);
     Ok(ClaimAnswer::new(
-        Verdict::trend(open > 30.0 && third(0, 0) > third(0, 1)),
+        ClaimVerdict::trend(open > 30.0 && third(0, 0) > third(0, 1)),
         format!(
             "at 7750 1/min links over the part of the blade that is touched at rest press on it in {:.0} % of the time in its half next to the crank, in {:.0} % next to the idler; with 0.01782 kg a link {:.0} and {:.0} %",
             third(0, 0),
@@ -689,7 +690,7 @@ fn c25(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let mean = |q: usize| 100.0 * shares.iter().filter_map(|s| s.get(q)).sum::<f64>() / 3.0;
     let quartiles: Vec<f64> = (0..4).map(mean).collect();
     Ok(ClaimAnswer::new(
-        Verdict::trend(quartiles.windows(2).all(|w| w[1] >= w[0]) && quartiles[3] > quartiles[0]),
+        ClaimVerdict::trend(quartiles.windows(2).all(|w| w[1] >= w[0]) && quartiles[3] > quartiles[0]),
         format!(
             "links that touch teeth with inner and outer flanks within two tooth periods, by quartiles of their angle at entry: {} %",
             list(&quartiles, 0)
@@ -715,7 +716,7 @@ fn rank_correlation(a: &[f64], b: &[f64]) -> f64 {
 fn c26(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let count = if lab.is_quick() { 7 } else { 15 };
     let shifts: Vec<f64> = (0..count).map(|k| -1.0 + 2.0 * f64::from(k) / f64::from(count - 1)).collect();
-    let trials: Vec<Trial> = shifts
+    let trials: Vec<ClaimTrial> = shifts
         .iter()
         .map(|mm| {
             // Across the guide: the chain runs on it with a heading of -82.6 deg.
@@ -730,7 +731,7 @@ fn c26(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let force: Vec<f64> = own.iter().map(|f| f.probed("largest_force_n")).collect();
     let (with_vibration, with_force) = (rank_correlation(&angle, &across), rank_correlation(&angle, &force));
     Ok(ClaimAnswer::new(
-        Verdict::trend(with_vibration > 0.5 && with_force > 0.5),
+        ClaimVerdict::trend(with_vibration > 0.5 && with_force > 0.5),
         format!(
             "guide shifted by -1 to +1 mm across the chain, {count} places at 7750 1/min: angle one into the crank {:.2} to {:.2} deg, its rank correlation with the transverse speed {with_vibration:.2}, with the largest force {with_force:.2}",
             angle.iter().copied().fold(f64::INFINITY, f64::min), angle.iter().copied().fold(0.0, f64::max)
@@ -750,7 +751,7 @@ fn c27(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     )?;
     let peak: Vec<f64> = own.iter().map(|f| f.probed("largest_n")).collect();
     Ok(ClaimAnswer::new(
-        Verdict::NotCheckable,
+        ClaimVerdict::NotCheckable,
         format!(
             "explicit scheme here: largest force of a joint at 4000 1/min {:.1} N with 3.8 us and {:.1} N with half of it ({:+.2} %)",
             peak[0],

@@ -1,8 +1,8 @@
 //! Claims of Fritz, Kell and Pfeiffer on the timing drive of a four-cylinder engine, a roller chain of 106 links.
 
-use super::laboratory::{Laboratory, Trial, Unanswered};
+use super::laboratory::{ClaimTrial, Laboratory, Unanswered};
 use super::probes::Probe;
-use super::{ClaimAnswer, Experiment, Verdict, list};
+use super::{ClaimAnswer, ClaimVerdict, Experiment, list};
 use crate::statics::Plungers;
 
 pub(super) const CLAIMS: [(&str, &str, Experiment); 10] = [
@@ -38,8 +38,8 @@ const LAPS_S: f64 = 3.2;
 const SMOOTH: &str = "speeds.constant.crank.amplitudes_deg=[0,0,0] loads.orders.cam.torques_nm=[0,0,0,0]";
 
 /// At 1000 1/min, as the drive file stands.
-fn at_1000() -> Trial {
-    Trial::run(DRIVE, SETTLE_S, LAPS_S)
+fn at_1000() -> ClaimTrial {
+    ClaimTrial::run(DRIVE, SETTLE_S, LAPS_S)
         .signals(&[
             "sensors.strain_gauge.slack",
             "sensors.strain_gauge.tight",
@@ -50,8 +50,8 @@ fn at_1000() -> Trial {
 }
 
 /// At 3000 1/min: 0.8 % of order 2, and the friction, valves and preload of that speed.
-fn at_3000() -> Trial {
-    Trial::run(DRIVE, SETTLE_S, 0.4)
+fn at_3000() -> ClaimTrial {
+    ClaimTrial::run(DRIVE, SETTLE_S, 0.4)
         .set("speeds.constant.crank.speed_rpm=3000 speeds.constant.crank.amplitudes_deg=[0.229,0.0286,0.00764] sliders.plunger.spring_n=44 loads.constant.cam.torque_nm=3.5 loads.orders.cam.torques_nm=[7.06,0.09,0.31,0.57]")
         .signals(&["sensors.tachometer.cam", "sensors.displacement.plunger"])
 }
@@ -62,7 +62,7 @@ fn f01(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let of_links = 3 * drive.links;
     let (arms, sliders) = (drive.arms.len(), drive.sliders.len());
     Ok(ClaimAnswer::new(
-        Verdict::number(of_links + arms + free == 320),
+        ClaimVerdict::number(of_links + arms + free == 320),
         format!("{} links x 3 + {arms} arm + {free} sprocket = {}", drive.links, of_links + arms + free),
         format!("counted in the drive; its {sliders} plunger follows the arm by a contact and is one coordinate more"),
     ))
@@ -72,7 +72,7 @@ fn f02(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let drive = lab.drive(DRIVE, "")?;
     let is_fixed = drive.rails.iter().any(|r| r.name == "tight" && r.arm.is_none());
     Ok(ClaimAnswer::new(
-        Verdict::trend(is_fixed),
+        ClaimVerdict::trend(is_fixed),
         format!(
             "the crank turns with orders 2, 4 and 6; the tight guide is {}",
             if is_fixed { "fixed" } else { "not fixed" }
@@ -91,7 +91,7 @@ fn f03(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let share = cam.order(2.0) / cam.mean.abs();
     let plot: Vec<(f64, f64)> = (1..60).map(|k| (0.5 * f64::from(k), cam.order(0.5 * f64::from(k)))).collect();
     Ok(ClaimAnswer::new(
-        Verdict::trend(top.first() == Some(&2.0) && multiples == 3),
+        ClaimVerdict::trend(top.first() == Some(&2.0) && multiples == 3),
         format!(
             "largest orders below the teeth: {}; order 2 (100 Hz) is {:.2} % of the cam's speed",
             list(&top, 1),
@@ -116,7 +116,7 @@ fn f04(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let moved = |k: usize| crate::units::wrap_angle(of(k).phase(2.0) - base.phase(2.0)).to_degrees();
     let (damped, heavier) = (moved(1), moved(2));
     Ok(ClaimAnswer::new(
-        Verdict::trend(largest == 2.0 && damped.abs().max(heavier.abs()) > 10.0),
+        ClaimVerdict::trend(largest == 2.0 && damped.abs().max(heavier.abs()) > 10.0),
         format!(
             "largest order of the plunger's travel: {largest:.1}, {:.3} mm; its phase moves by {damped:.1} deg with twice the damping of the joints, by {heavier:.1} deg with links 10 % heavier",
             1e3 * base.order(2.0)
@@ -145,7 +145,7 @@ fn f05(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let is_load = ((tight - slack) / oracle - 1.0).abs() < 0.1;
     let holds = two_tight >= 5.0 * two_slack && sigma_slack < 0.2 * sigma_tight && falls && rises && is_load;
     Ok(ClaimAnswer::new(
-        Verdict::trend(holds),
+        ClaimVerdict::trend(holds),
         format!(
             "I tight {tight:.0} N with {two_tight:.0} N of order 2, II on the crank from {:.0} to {:.0} N, III slack {slack:.0} N with {two_slack:.0} N of order 2 and a scatter of {:.0} N, IV on the cam from {:.0} to {:.0} N; I less III {:.0} N, of the load alone {oracle:.0} N",
             crank.first().copied().unwrap_or(f64::NAN),
@@ -178,7 +178,7 @@ fn f06(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
         ("joints damped ten times as much", "chain.joint.damping_n_s_per_m=600"),
         ("guides with twice the friction", "contact.guide.friction=0.16"),
     ];
-    let trials: Vec<Trial> = changes.iter().map(|(_, set)| at_1000().set(set)).collect();
+    let trials: Vec<ClaimTrial> = changes.iter().map(|(_, set)| at_1000().set(set)).collect();
     let own = lab.all(&trials)?;
     let of = |k: usize| own[k].signal("sensors.strain_gauge.slack");
     let told: Vec<String> = changes
@@ -187,7 +187,7 @@ fn f06(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
         .map(|(k, (name, _))| format!("{name}: lowest {:.0} N, order 20 {:.1} N", of(k).low, of(k).order(20.0)))
         .collect();
     Ok(ClaimAnswer::new(
-        Verdict::NotCheckable,
+        ClaimVerdict::NotCheckable,
         told.join("; "),
         "the measured force is lost; told is what raises the lowest force and what lowers the order of the teeth, which the paper lays to the tensioner's preload",
     ))
@@ -197,7 +197,7 @@ fn f06(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
 fn f07(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let step = super::lin::face_step(lab)?;
     Ok(ClaimAnswer::new(
-        Verdict::number((step.measured_n / step.oracle_n - 1.0).abs() < 0.3),
+        ClaimVerdict::number((step.measured_n / step.oracle_n - 1.0).abs() < 0.3),
         format!(
             "force of the face a link: {:.2} N on an arc of 300 mm, {:.2} N on the next of 380 mm; step {:+.2} N, T p (1/R2 - 1/R1) = {:+.2} N",
             step.before_n, step.after_n, step.measured_n, step.oracle_n
@@ -208,7 +208,7 @@ fn f07(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
 }
 
 /// With a crank that turns evenly, at a speed at which half the order of the teeth meets no mode.
-fn smooth(rpm: f64) -> Trial {
+fn smooth(rpm: f64) -> ClaimTrial {
     at_1000().set(SMOOTH).set(&format!("speeds.constant.crank.speed_rpm={rpm}"))
 }
 
@@ -218,7 +218,7 @@ fn f08(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let half = |k: usize| own[k].signal("sensors.tachometer.cam").order(10.0);
     let (with, without) = (half(0), half(1));
     Ok(ClaimAnswer::new(
-        Verdict::trend(with > 10.0 * without),
+        ClaimVerdict::trend(with > 10.0 * without),
         format!(
             "order 10 of the cam at 1500 1/min, half that of the teeth: {:.2} mrad/s with pitches 20 um apart, {:.2} mrad/s with equal ones",
             1e3 * with,
@@ -230,7 +230,7 @@ fn f08(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
 
 fn f09(_lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     Ok(ClaimAnswer::new(
-        Verdict::NotCheckable,
+        ClaimVerdict::NotCheckable,
         "a strain gauge of a link here reads the force of its joint",
         "plates have no bending of their own in this model, so that there is nothing that could cancel",
     ))
@@ -238,7 +238,7 @@ fn f09(_lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
 
 fn f10(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let run = lab.one(&at_1000().set(SMOOTH))?;
-    let modes = lab.one(&Trial::modes(DRIVE, Plungers::Oil, 1500.0))?;
+    let modes = lab.one(&ClaimTrial::modes(DRIVE, Plungers::Oil, 1500.0))?;
     let peaks: Vec<(f64, f64)> =
         ["sensors.strain_gauge.slack", "sensors.strain_gauge.tight", "arm.arm.speed", "sensors.tachometer.cam"]
             .iter()
@@ -254,7 +254,7 @@ fn f10(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let met: Vec<f64> = own.iter().copied().filter(|hz| swings.iter().any(|s| (s / hz - 1.0).abs() < 0.03)).collect();
     let free = met.iter().filter(|hz| !driven(**hz)).count();
     Ok(ClaimAnswer::new(
-        Verdict::trend(met.len() >= 4),
+        ClaimVerdict::trend(met.len() >= 4),
         format!(
             "modes at rest {} Hz; peaks of forces of the spans, speeds of cam and arm within 3 % of {} of these six, {free} of them beside the crank's orders; the crank turns evenly",
             list(&own, 0),

@@ -49,7 +49,7 @@ pub enum TrialWork {
 
 /// One drive, and what is done with it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Trial {
+pub struct ClaimTrial {
     /// A bundled drive.
     pub drive: String,
     /// `path=value`.
@@ -60,9 +60,9 @@ pub struct Trial {
 /// What is looked at less than this is not resolved by frames [s].
 const EVERY_S: f64 = 50e-6;
 
-impl Trial {
+impl ClaimTrial {
     /// A run whose frames count after `settle_s`.
-    pub fn run(drive: &str, settle_s: f64, measured_s: f64) -> Trial {
+    pub fn run(drive: &str, settle_s: f64, measured_s: f64) -> ClaimTrial {
         let work = TrialWork::Run {
             duration_s: settle_s + measured_s,
             settle_s,
@@ -73,31 +73,31 @@ impl Trial {
             probe: None,
             bin_rpm: None,
         };
-        Trial { drive: drive.into(), set: Vec::new(), work }
+        ClaimTrial { drive: drive.into(), set: Vec::new(), work }
     }
 
-    pub fn modes(drive: &str, plungers: Plungers, below_hz: f64) -> Trial {
+    pub fn modes(drive: &str, plungers: Plungers, below_hz: f64) -> ClaimTrial {
         let plungers = match plungers {
             Plungers::Oil => "oil",
             Plungers::Locked => "locked",
             Plungers::Open => "open",
         };
-        Trial { drive: drive.into(), set: Vec::new(), work: TrialWork::Modes { plungers, below_hz } }
+        ClaimTrial { drive: drive.into(), set: Vec::new(), work: TrialWork::Modes { plungers, below_hz } }
     }
 
-    pub fn rest(drive: &str) -> Trial {
-        Trial { drive: drive.into(), set: Vec::new(), work: TrialWork::Rest }
+    pub fn rest(drive: &str) -> ClaimTrial {
+        ClaimTrial { drive: drive.into(), set: Vec::new(), work: TrialWork::Rest }
     }
 
     /// With values set, separated by blanks.
     #[must_use]
-    pub fn set(mut self, values: &str) -> Trial {
+    pub fn set(mut self, values: &str) -> ClaimTrial {
         self.set.extend(values.split_whitespace().map(str::to_string));
         self
     }
 
     #[must_use]
-    pub fn signals(mut self, names: &[&str]) -> Trial {
+    pub fn signals(mut self, names: &[&str]) -> ClaimTrial {
         if let TrialWork::Run { signals, .. } = &mut self.work {
             signals.extend(names.iter().map(|n| n.to_string()));
         }
@@ -105,7 +105,7 @@ impl Trial {
     }
 
     #[must_use]
-    pub fn every_s(mut self, time_s: f64) -> Trial {
+    pub fn every_s(mut self, time_s: f64) -> ClaimTrial {
         if let TrialWork::Run { every_s, .. } = &mut self.work {
             *every_s = time_s;
         }
@@ -113,7 +113,7 @@ impl Trial {
     }
 
     #[must_use]
-    pub fn impacts(mut self) -> Trial {
+    pub fn impacts(mut self) -> ClaimTrial {
         if let TrialWork::Run { impacts, .. } = &mut self.work {
             *impacts = true;
         }
@@ -121,7 +121,7 @@ impl Trial {
     }
 
     #[must_use]
-    pub fn compare(mut self) -> Trial {
+    pub fn compare(mut self) -> ClaimTrial {
         if let TrialWork::Run { compare, .. } = &mut self.work {
             *compare = true;
         }
@@ -129,7 +129,7 @@ impl Trial {
     }
 
     #[must_use]
-    pub fn probe(mut self, own: Probe) -> Trial {
+    pub fn probe(mut self, own: Probe) -> ClaimTrial {
         if let TrialWork::Run { probe, .. } = &mut self.work {
             *probe = Some(own);
         }
@@ -137,7 +137,7 @@ impl Trial {
     }
 
     #[must_use]
-    pub fn bins(mut self, width_rpm: f64) -> Trial {
+    pub fn bins(mut self, width_rpm: f64) -> ClaimTrial {
         if let TrialWork::Run { bin_rpm, .. } = &mut self.work {
             *bin_rpm = Some(width_rpm);
         }
@@ -249,7 +249,7 @@ pub enum Unanswered {
 
 /// How much is run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Pace {
+pub enum WorkPace {
     /// Fewer speeds, shorter runs: minutes.
     Quick,
     /// All of it: under two hours on two cores.
@@ -258,11 +258,11 @@ pub enum Pace {
 
 /// Where trials are done and kept.
 pub struct Laboratory {
-    pub pace: Pace,
+    pub pace: WorkPace,
     done: BTreeMap<String, Arc<TrialFacts>>,
-    wanted: RefCell<BTreeMap<String, Trial>>,
+    wanted: RefCell<BTreeMap<String, ClaimTrial>>,
     /// Trials that the claim at hand asked for.
-    asked: RefCell<Vec<Trial>>,
+    asked: RefCell<Vec<ClaimTrial>>,
     journal: File,
     /// XXH3-64 of this program: another build may give other numbers.
     program: u64,
@@ -273,7 +273,7 @@ impl Laboratory {
     ///
     /// # Errors
     /// The journal cannot be read or written.
-    pub fn open(pace: Pace, journal: &Path) -> std::io::Result<Laboratory> {
+    pub fn open(pace: WorkPace, journal: &Path) -> std::io::Result<Laboratory> {
         let mut file = File::options().create(true).read(true).append(true).open(journal)?;
         file.try_lock().map_err(|_| std::io::Error::other("another run of pitchline works in this folder"))?;
         let mut bytes = Vec::new();
@@ -303,14 +303,14 @@ impl Laboratory {
     }
 
     pub fn is_quick(&self) -> bool {
-        self.pace == Pace::Quick
+        self.pace == WorkPace::Quick
     }
 
     /// What these trials gave.
     ///
     /// # Errors
     /// They have to be done first, or one broke down.
-    pub fn all(&self, trials: &[Trial]) -> Result<Vec<Arc<TrialFacts>>, Unanswered> {
+    pub fn all(&self, trials: &[ClaimTrial]) -> Result<Vec<Arc<TrialFacts>>, Unanswered> {
         let mut found = Vec::new();
         let mut waiting = false;
         for trial in trials {
@@ -337,7 +337,7 @@ impl Laboratory {
     ///
     /// # Errors
     /// As [`Laboratory::all`].
-    pub fn one(&self, trial: &Trial) -> Result<Arc<TrialFacts>, Unanswered> {
+    pub fn one(&self, trial: &ClaimTrial) -> Result<Arc<TrialFacts>, Unanswered> {
         self.all(std::slice::from_ref(trial)).map(|mut all| all.swap_remove(0))
     }
 
@@ -346,17 +346,17 @@ impl Laboratory {
     /// # Errors
     /// It cannot be read.
     pub fn drive(&self, name: &str, set: &str) -> Result<Drive, Unanswered> {
-        Trial::rest(name).set(set).drive().map_err(|CaseError(why)| Unanswered::Broken(why))
+        ClaimTrial::rest(name).set(set).drive().map_err(|CaseError(why)| Unanswered::Broken(why))
     }
 
     /// Trials that were asked for since the last call.
-    pub fn take_asked(&self) -> Vec<Trial> {
+    pub fn take_asked(&self) -> Vec<ClaimTrial> {
         std::mem::take(&mut *self.asked.borrow_mut())
     }
 
     /// Trials that are missing, the longest first, so that no thread ends late with one.
-    pub fn take_wanted(&self) -> Vec<Trial> {
-        let mut wanted: Vec<Trial> = std::mem::take(&mut *self.wanted.borrow_mut()).into_values().collect();
+    pub fn take_wanted(&self) -> Vec<ClaimTrial> {
+        let mut wanted: Vec<ClaimTrial> = std::mem::take(&mut *self.wanted.borrow_mut()).into_values().collect();
         wanted.sort_by_key(|trial| std::cmp::Reverse(trial.cost()));
         wanted
     }
@@ -367,10 +367,10 @@ impl Laboratory {
     /// The journal cannot be written.
     pub fn work(
         &mut self,
-        trials: &[Trial],
+        trials: &[ClaimTrial],
         threads: usize,
         stop: &AtomicBool,
-        mut each: impl FnMut(&Trial, &TrialFacts),
+        mut each: impl FnMut(&ClaimTrial, &TrialFacts),
     ) -> std::io::Result<()> {
         let next = AtomicUsize::new(0);
         let shared = SharedParts::default();
@@ -413,13 +413,13 @@ impl Laboratory {
 }
 
 /// Does one trial; whatever breaks down in it is its result.
-fn do_trial(trial: &Trial, shared: &SharedParts, stop: &AtomicBool) -> TrialFacts {
+fn do_trial(trial: &ClaimTrial, shared: &SharedParts, stop: &AtomicBool) -> TrialFacts {
     let tried = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| attempt(trial, shared, stop)));
     let tried = tried.unwrap_or_else(|_| Err(CaseError("a mistake of pitchline's own".into())));
     tried.unwrap_or_else(|CaseError(why)| TrialFacts { error: Some(why), ..TrialFacts::default() })
 }
 
-fn attempt(trial: &Trial, shared: &SharedParts, stop: &AtomicBool) -> Result<TrialFacts, CaseError> {
+fn attempt(trial: &ClaimTrial, shared: &SharedParts, stop: &AtomicBool) -> Result<TrialFacts, CaseError> {
     let drive = trial.drive()?;
     match &trial.work {
         TrialWork::Modes { plungers, below_hz } => {

@@ -1,8 +1,8 @@
 //! Claims of Lin and Hwang on the timing drive of a V6 engine: silent chain, hydraulic tensioner with a check ball.
 
-use super::laboratory::{Laboratory, Trial, Unanswered};
+use super::laboratory::{ClaimTrial, Laboratory, Unanswered};
 use super::probes::Probe;
-use super::{ClaimAnswer, Experiment, Verdict, list, peak_of, place};
+use super::{ClaimAnswer, ClaimVerdict, Experiment, list, peak_of, place};
 use crate::statics::Plungers;
 
 pub(super) const CLAIMS: [(&str, &str, Experiment); 8] = [
@@ -19,7 +19,7 @@ pub(super) const CLAIMS: [(&str, &str, Experiment); 8] = [
 const DRIVE: &str = "ford-v6";
 
 /// At a speed; supply pressure and crank's ripple go with it.
-fn at(rpm: f64) -> Trial {
+fn at(rpm: f64) -> ClaimTrial {
     let supply_bar =
         if rpm < 3000.0 { 1.2 + (rpm - 800.0).max(0.0) / 2200.0 * 2.3 } else { 3.5 + 0.5 * (rpm - 3000.0) / 3500.0 };
     let ripple = (3400.0 / rpm) * (3400.0 / rpm);
@@ -34,7 +34,7 @@ fn at(rpm: f64) -> Trial {
         load(0.88, 1.90).max(0.0),
         load(0.43, 0.85).max(0.0)
     );
-    Trial::run(DRIVE, 40.0 * 60.0 / rpm, 31.0 * 60.0 / rpm).set(&format!(
+    ClaimTrial::run(DRIVE, 40.0 * 60.0 / rpm, 31.0 * 60.0 / rpm).set(&format!(
         "speeds.constant.crank.speed_rpm={rpm} speeds.constant.crank.amplitudes_deg=[{:.5},{:.5},{:.5}] reservoirs.supply.pressure_bar={supply_bar:.3} chambers.high.pressure_bar={supply_bar:.3} chambers.valve.pressure_bar={supply_bar:.3} loads.orders.exhaust.torques_nm={torques} loads.orders.intake.torques_nm={torques}",
         0.0112 * ripple, 0.0418 * ripple, 0.0028 * ripple
     ))
@@ -47,7 +47,7 @@ fn l01(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     } else {
         (0..16).map(|k| 2500.0 + 250.0 * f64::from(k)).collect()
     };
-    let trials: Vec<Trial> = speeds.iter().map(|rpm| at(*rpm)).collect();
+    let trials: Vec<ClaimTrial> = speeds.iter().map(|rpm| at(*rpm)).collect();
     let own = lab.all(&trials)?;
     let curve = |f: &dyn Fn(&super::facts::SignalFacts) -> f64| -> Vec<(f64, f64)> {
         speeds.iter().zip(&own).map(|(rpm, facts)| (*rpm, f(&facts.signal("slider.plunger.position")))).collect()
@@ -59,14 +59,14 @@ fn l01(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let (peak, size) = peak_of(&swing);
     let (mean_peak, _) = peak_of(&mean);
     let (cam_peak, _) = peak_of(&cam);
-    let mode = lab.one(&Trial::modes(DRIVE, Plungers::Oil, 400.0))?;
+    let mode = lab.one(&ClaimTrial::modes(DRIVE, Plungers::Oil, 400.0))?;
     let together = mode
         .modes
         .iter()
         .max_by(|a, b| a.share("sprockets.").total_cmp(&b.share("sprockets.")))
         .map_or(f64::NAN, |m| m.hz);
     Ok(ClaimAnswer::new(
-        Verdict::trend((peak - 5000.0).abs() <= 250.0 && (mean_peak - 5000.0).abs() <= 250.0),
+        ClaimVerdict::trend((peak - 5000.0).abs() <= 250.0 && (mean_peak - 5000.0).abs() <= 250.0),
         format!(
             "travel from peak to peak is largest at {} ({size:.2} mm), its mean at {}, order 3 of the cam at {}; the mode in which the cams swing together on closed oil has {together:.0} Hz, order 3 at {:.0} 1/min",
             place(peak, "1/min"),
@@ -80,18 +80,18 @@ fn l01(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
 }
 
 fn l02(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
-    let found = lab.one(&Trial::modes(DRIVE, Plungers::Oil, 700.0))?;
+    let found = lab.one(&ClaimTrial::modes(DRIVE, Plungers::Oil, 700.0))?;
     let own: Vec<f64> =
         found.modes.iter().filter(|m| m.share("sprockets.") + m.share("arms.") > 0.2).map(|m| m.hz).collect();
     Ok(ClaimAnswer::new(
-        Verdict::NotCheckable,
+        ClaimVerdict::NotCheckable,
         format!("modes of sprockets and arm: {} Hz", list(&own, 0)),
         "the paper prints no frequency, measured or computed",
     ))
 }
 
 fn l03(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
-    let found = lab.one(&Trial::run(DRIVE, 0.02, 0.06).probe(Probe::ContactPairs))?;
+    let found = lab.one(&ClaimTrial::run(DRIVE, 0.02, 0.06).probe(Probe::ContactPairs))?;
     let share = found.probed("several_share");
     let pairs = found.probe.get("pairs").and_then(|p| p.as_object()).cloned().unwrap_or_default();
     let total: f64 = pairs.values().filter_map(serde_json::Value::as_f64).sum();
@@ -99,7 +99,7 @@ fn l03(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     sorted.sort_by(|a, b| b.1.total_cmp(&a.1));
     let told: Vec<String> = sorted.iter().take(6).map(|(k, v)| format!("{k} {:.0} %", 100.0 * v / total)).collect();
     Ok(ClaimAnswer::new(
-        Verdict::trend(share > 0.01 && pairs.len() >= 3),
+        ClaimVerdict::trend(share > 0.01 && pairs.len() >= 3),
         format!(
             "{:.0} % of the links that touch a sprocket do so in several places; features on elements: {}",
             100.0 * share,
@@ -142,7 +142,7 @@ fn l04(_lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
         }
     }
     Ok(ClaimAnswer::new(
-        Verdict::number(worst < 1e-9 && touched > POSES / 100),
+        ClaimVerdict::number(worst < 1e-9 && touched > POSES / 100),
         format!(
             "{POSES} random places of a bush about a sprocket of 21 teeth, {touched} of them touching: depths differ by {worst:.1e} m at most"
         ),
@@ -164,7 +164,7 @@ pub(super) struct FaceStep {
 pub(super) fn face_step(lab: &Laboratory) -> Result<FaceStep, Unanswered> {
     let rpm = 150.0;
     let found = lab.one(
-        &Trial::run(DRIVE, 0.4, 1.0)
+        &ClaimTrial::run(DRIVE, 0.4, 1.0)
             .set(&format!("speeds.constant.crank.speed_rpm={rpm} speeds.constant.crank.amplitudes_deg=[0,0,0]"))
             .set("loads.orders.exhaust.torques_nm=[0,0,0,0] loads.orders.intake.torques_nm=[0,0,0,0]")
             .signals(&["sensors.strain_gauge.slack"])
@@ -211,7 +211,7 @@ fn l05(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     radii.sort_by(f64::total_cmp);
     radii.dedup();
     Ok(ClaimAnswer::new(
-        Verdict::number(largest_turn < 1e-9 && (step.measured_n / step.oracle_n - 1.0).abs() < 0.15),
+        ClaimVerdict::number(largest_turn < 1e-9 && (step.measured_n / step.oracle_n - 1.0).abs() < 0.15),
         format!(
             "faces of {arcs} arcs with {} radii, tangents continuous to {largest_turn:.0e}; force a link {:.2} N on one arc of the arm, {:.2} N on the next: {:+.2} N, T p (1/R2 - 1/R1) = {:+.2} N",
             radii.len(),
@@ -232,7 +232,7 @@ fn l06(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let impacts = found.number("impacts.count");
     let leak = found.signal("sensors.flow.leak");
     Ok(ClaimAnswer::new(
-        Verdict::number(all.iter().all(|n| has(n)) && impacts > 0.0),
+        ClaimVerdict::number(all.iter().all(|n| has(n)) && impacts > 0.0),
         format!(
             "at 5000 1/min: travel {:.2} to {:.2} mm, pressure {:.1} to {:.1} bar, leakage {:.0} ml/min, slack span {:.0} to {:.0} N, {impacts:.0} impacts of up to {:.0} N",
             1e3 * found.signal("slider.plunger.position").low,
@@ -250,7 +250,7 @@ fn l06(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
 
 fn l07(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let trial = |body: &str| {
-        Trial::run("roller-20-40", 0.04, 0.2)
+        ClaimTrial::run("roller-20-40", 0.04, 0.2)
             .set(&format!("chain.bush.rollers.body={body}"))
             .signals(&["sprocket.driven.speed", "span.driven.driver.tension"])
             .impacts()
@@ -262,7 +262,7 @@ fn l07(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let mean = change(&|f| f.signal("span.driven.driver.tension").mean);
     let peak = change(&|f| f.number("impacts.peak_force_max_n"));
     Ok(ClaimAnswer::new(
-        Verdict::trend([mean, strand, speed].iter().all(|c| c.abs() < 5.0)),
+        ClaimVerdict::trend([mean, strand, speed].iter().all(|c| c.abs() < 5.0)),
         format!(
             "rollers as bodies against rollers in their links: tight span {mean:+.1} % in the mean, {strand:+.0} % in its swing; order of the teeth of the driven shaft {speed:+.0} %; largest impact {peak:+.0} %"
         ),
@@ -286,7 +286,7 @@ fn l08(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     });
     let order = change(&|f| f.signal("sprocket.intake.speed").order(20.0));
     Ok(ClaimAnswer::new(
-        Verdict::trend([count, peak, impulse, order].iter().any(|c| c.abs() > 10.0)),
+        ClaimVerdict::trend([count, peak, impulse, order].iter().any(|c| c.abs() > 10.0)),
         format!(
             "widest against narrowest tooth gap, at 3400 1/min: impacts on the crank's sprocket {count:+.0} % in number, {peak:+.0} % in the largest force, {impulse:+.0} % in impulse; order of the teeth of the intake {order:+.0} %; contacts at an instant {touches:+.0} %"
         ),

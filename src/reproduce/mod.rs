@@ -13,7 +13,7 @@ pub mod probes;
 mod schaffner;
 mod schaffner_engine;
 
-use laboratory::{Laboratory, Trial, Unanswered};
+use laboratory::{ClaimTrial, Laboratory, Unanswered};
 use serde::Serialize;
 
 /// A paper.
@@ -54,7 +54,7 @@ impl Paper {
 
 /// What became of a claim.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub enum Verdict {
+pub enum ClaimVerdict {
     /// The number is met.
     Reproduced,
     /// Its sign or its order is met; its size is not printed, or hangs on assumed numbers.
@@ -66,33 +66,33 @@ pub enum Verdict {
     NotCheckable,
 }
 
-impl Verdict {
-    pub const ALL: [Verdict; 5] = [
-        Verdict::Reproduced,
-        Verdict::Trend,
-        Verdict::NotReproduced,
-        Verdict::ContradictsItself,
-        Verdict::NotCheckable,
+impl ClaimVerdict {
+    pub const ALL: [ClaimVerdict; 5] = [
+        ClaimVerdict::Reproduced,
+        ClaimVerdict::Trend,
+        ClaimVerdict::NotReproduced,
+        ClaimVerdict::ContradictsItself,
+        ClaimVerdict::NotCheckable,
     ];
 
     pub fn name(self) -> &'static str {
         match self {
-            Verdict::Reproduced => "reproduced",
-            Verdict::Trend => "trend reproduced",
-            Verdict::NotReproduced => "not reproduced",
-            Verdict::ContradictsItself => "contradicts itself",
-            Verdict::NotCheckable => "not checkable",
+            ClaimVerdict::Reproduced => "reproduced",
+            ClaimVerdict::Trend => "trend reproduced",
+            ClaimVerdict::NotReproduced => "not reproduced",
+            ClaimVerdict::ContradictsItself => "contradicts itself",
+            ClaimVerdict::NotCheckable => "not checkable",
         }
     }
 
     /// A trend that holds or does not.
-    fn trend(holds: bool) -> Verdict {
-        if holds { Verdict::Trend } else { Verdict::NotReproduced }
+    fn trend(holds: bool) -> ClaimVerdict {
+        if holds { ClaimVerdict::Trend } else { ClaimVerdict::NotReproduced }
     }
 
     /// A number that is met or not.
-    fn number(holds: bool) -> Verdict {
-        if holds { Verdict::Reproduced } else { Verdict::NotReproduced }
+    fn number(holds: bool) -> ClaimVerdict {
+        if holds { ClaimVerdict::Reproduced } else { ClaimVerdict::NotReproduced }
     }
 }
 
@@ -114,7 +114,7 @@ pub struct Plot {
 /// What was found about a claim.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ClaimAnswer {
-    pub verdict: Verdict,
+    pub verdict: ClaimVerdict,
     /// What was measured, with numbers and units.
     pub measured: String,
     /// How it was judged, or why it is not reproduced, or what is missing.
@@ -123,7 +123,7 @@ pub struct ClaimAnswer {
 }
 
 impl ClaimAnswer {
-    fn new(verdict: Verdict, measured: impl Into<String>, why: impl Into<String>) -> ClaimAnswer {
+    fn new(verdict: ClaimVerdict, measured: impl Into<String>, why: impl Into<String>) -> ClaimAnswer {
         ClaimAnswer { verdict, measured: measured.into(), why: why.into(), plot: None }
     }
 
@@ -138,7 +138,7 @@ impl ClaimAnswer {
 type Experiment = fn(&Laboratory) -> Result<ClaimAnswer, Unanswered>;
 
 /// A claim of a paper.
-pub struct Claim {
+pub struct PaperClaim {
     /// A letter for the paper, and a number.
     pub id: &'static str,
     pub paper: Paper,
@@ -148,9 +148,9 @@ pub struct Claim {
 }
 
 /// All claims, paper by paper.
-pub fn claims() -> Vec<Claim> {
-    let of = |paper: Paper, rows: &[(&'static str, &'static str, Experiment)]| -> Vec<Claim> {
-        rows.iter().map(|(id, claim, experiment)| Claim { id, paper, claim, experiment: *experiment }).collect()
+pub fn claims() -> Vec<PaperClaim> {
+    let of = |paper: Paper, rows: &[(&'static str, &'static str, Experiment)]| -> Vec<PaperClaim> {
+        rows.iter().map(|(id, claim, experiment)| PaperClaim { id, paper, claim, experiment: *experiment }).collect()
     };
     let mut all = of(Paper::Cali, &cali::CLAIMS);
     all.extend(of(Paper::Schaffner, &schaffner_engine::CLAIMS));
@@ -179,7 +179,7 @@ pub struct AnsweredClaim {
 /// Commands that are printed of a claim.
 const COMMANDS: usize = 3;
 
-impl Claim {
+impl PaperClaim {
     /// Its answer, or None while trials are missing: the laboratory then wants them.
     pub fn answer(&self, lab: &Laboratory) -> Option<AnsweredClaim> {
         let _earlier = lab.take_asked();
@@ -188,7 +188,7 @@ impl Claim {
             Ok(mut answer) => {
                 let words = answer.measured.split(|c: char| !c.is_alphanumeric());
                 if words.into_iter().any(|word| word == "NaN" || word == "inf") {
-                    answer.verdict = Verdict::NotCheckable;
+                    answer.verdict = ClaimVerdict::NotCheckable;
                     answer.why += "; a number could not be measured";
                 }
                 answer
@@ -196,11 +196,11 @@ impl Claim {
             Err(Unanswered::Waiting) => return None,
             Err(Unanswered::Broken(why)) => {
                 is_broken = true;
-                ClaimAnswer::new(Verdict::NotCheckable, "a run broke down", why)
+                ClaimAnswer::new(ClaimVerdict::NotCheckable, "a run broke down", why)
             }
         };
         let asked = lab.take_asked();
-        let ran = asked.iter().take(COMMANDS).map(Trial::command).collect();
+        let ran = asked.iter().take(COMMANDS).map(ClaimTrial::command).collect();
         Some(AnsweredClaim {
             id: self.id,
             paper: self.paper,

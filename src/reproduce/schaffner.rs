@@ -1,9 +1,9 @@
 //! Claims of Schaffner, Sopouch and Priebsch on the drive of two sprockets with which they compare the abutment chain.
 
-use super::laboratory::{Laboratory, Trial, TrialFacts, Unanswered};
+use super::laboratory::{ClaimTrial, Laboratory, TrialFacts, Unanswered};
 use super::probes::Probe;
 use super::schaffner_engine::with_gaps;
-use super::{ClaimAnswer, Experiment, Verdict, list};
+use super::{ClaimAnswer, ClaimVerdict, Experiment, list};
 use std::sync::Arc;
 
 pub(super) const CLAIMS: [(&str, &str, Experiment); 8] = [
@@ -44,7 +44,7 @@ fn compared(lab: &Laboratory) -> Result<Vec<Arc<TrialFacts>>, Unanswered> {
     // Two laps: every link passes.
     let measured_s = 0.18;
     lab.all(&DRIVES.map(|drive| {
-        Trial::run(drive, 0.0, measured_s)
+        ClaimTrial::run(drive, 0.0, measured_s)
             .signals(&["span.driven.driver.tension", "span.driver.driven.tension", "sprocket.driven.speed"])
             .probe(Probe::Wrap { sprocket: "driver".into() })
             .compare()
@@ -61,7 +61,7 @@ fn s21(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let drive = lab.drive("smartchain-20-40", "")?;
     let teeth: Vec<u32> = drive.sprockets.iter().map(|s| s.teeth).collect();
     Ok(ClaimAnswer::new(
-        Verdict::number(teeth == [20, 40] && pulls.iter().all(|p| (p / expected - 1.0).abs() < 0.02)),
+        ClaimVerdict::number(teeth == [20, 40] && pulls.iter().all(|p| (p / expected - 1.0).abs() < 0.02)),
         format!(
             "tight less slack: bush {:.1}, silent {:.1}, abutment {:.1} N; torque over radius {expected:.1} N",
             pulls[0], pulls[1], pulls[2]
@@ -88,7 +88,7 @@ fn s22(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     // No peak shorter than half a tooth period.
     let rises = ["ring_front", "bush"].map(|kind| smart.number(&format!("compare.kinds.{kind}.rise_t")));
     Ok(ClaimAnswer::new(
-        Verdict::number(
+        ClaimVerdict::number(
             (largest / 130.0 - 1.0).abs() < 0.3 && engaging < 130.0 * 1.3 && rises.iter().all(|r| *r >= 0.5),
         ),
         format!(
@@ -109,7 +109,7 @@ fn s23(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let along = forces.get(1..7).unwrap_or_default();
     let falls = along.windows(2).all(|w| w[1] <= w[0]) && along.len() == 6;
     Ok(ClaimAnswer::new(
-        Verdict::trend(share >= 0.99 && falls),
+        ClaimVerdict::trend(share >= 0.99 && falls),
         format!(
             "{:.0} % of the links keep the order guide, front abutment on the ring, tooth, both abutments; mean force on a tooth, pitch by pitch from the second: {} N",
             100.0 * share,
@@ -125,7 +125,7 @@ fn s24(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let rise = |k: usize, kind: &str| own[k].number(&format!("compare.kinds.{kind}.rise_t"));
     let (smart, bush, silent) = (rise(2, "bush"), rise(0, "bush"), rise(1, "flank_trailing"));
     Ok(ClaimAnswer::new(
-        Verdict::trend(smart >= 0.5 && smart > 10.0 * bush && smart > 10.0 * silent),
+        ClaimVerdict::trend(smart >= 0.5 && smart > 10.0 * bush && smart > 10.0 * silent),
         format!(
             "from a tenth to nine tenths of the force on the tooth: abutment chain {smart:.2} tooth periods, bush chain {bush:.3}, silent chain {silent:.3}"
         ),
@@ -138,7 +138,7 @@ fn s25(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let ratio: Vec<f64> = own.iter().map(|f| f.number("compare.peak_to_steady")).collect();
     let force: Vec<f64> = own.iter().map(|f| f.number("compare.peak_force_max_n")).collect();
     Ok(ClaimAnswer::new(
-        Verdict::trend(ratio[0] > 1.5 && ratio[1] > 1.5 && force[0] > 2.0 * force[2] && force[1] > 2.0 * force[2]),
+        ClaimVerdict::trend(ratio[0] > 1.5 && ratio[1] > 1.5 && force[0] > 2.0 * force[2] && force[1] > 2.0 * force[2]),
         format!(
             "peak while engaging over the steady force: bush {:.1}, silent {:.1}, abutment {:.1}; peaks {} N",
             ratio[0],
@@ -153,7 +153,7 @@ fn s25(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
 fn s26(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let own = compared(lab)?;
     let stiff = lab.one(
-        &Trial::run("smartchain-20-40", 0.0, 0.06)
+        &ClaimTrial::run("smartchain-20-40", 0.0, 0.06)
             .set("chain.joint.stiffness_n_per_m=3e8 preload.tension_n=100")
             .set(
                 "contact.sprocket.hunt_crossley.stiffness_n_per_m=1e9 contact.ring.hunt_crossley.stiffness_n_per_m=1e9",
@@ -166,7 +166,7 @@ fn s26(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let polygon =
         100.0 * (1.0 - libm::cos(std::f64::consts::PI / 20.0)) * 8.0 / (std::f64::consts::PI * std::f64::consts::PI);
     Ok(ClaimAnswer::new(
-        Verdict::trend(stiff < 0.05),
+        ClaimVerdict::trend(stiff < 0.05),
         format!(
             "ripple of the tight span's speed at the order of the teeth: bush {:.3}, silent {:.3}, abutment {:.3} %; abutment with links and contacts ten times as stiff {stiff:.3} %; a polygon of 20 sides has {polygon:.2} %",
             ripple[0], ripple[1], ripple[2]
@@ -181,7 +181,7 @@ fn s27(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     } else {
         vec![1500.0, 2000.0, 2500.0, 3000.0, 3500.0, 4000.0, 5000.0]
     };
-    let mut trials: Vec<Trial> = speeds.iter().map(|rpm| with_gaps(lab, "min", *rpm)).collect();
+    let mut trials: Vec<ClaimTrial> = speeds.iter().map(|rpm| with_gaps(lab, "min", *rpm)).collect();
     trials.extend(speeds.iter().map(|rpm| with_gaps(lab, "max", *rpm)));
     let own = lab.all(&trials)?;
     let n = speeds.len();
@@ -192,7 +192,7 @@ fn s27(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let order = change(&|f| f.signal("sprocket.intake.speed").order(20.0));
     let peak = change(&|f| f.number("impacts.bodies.crank.peak_force_max_n"));
     Ok(ClaimAnswer::new(
-        Verdict::trend(order.abs() < 20.0 && peak.abs() < 20.0),
+        ClaimVerdict::trend(order.abs() < 20.0 && peak.abs() < 20.0),
         format!(
             "largest against smallest tooth gap of ISO 606, median over {n} speeds: order 20 of the intake {order:+.0} %, largest impact on the crank's sprocket {peak:+.0} %"
         ),
@@ -202,7 +202,7 @@ fn s27(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
 
 fn s28(_lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     Ok(ClaimAnswer::new(
-        Verdict::NotCheckable,
+        ClaimVerdict::NotCheckable,
         "no number is claimed",
         "an outlook; guides on elastic mounts are in the model (`guide_compliance`), crank train and block are not",
     ))

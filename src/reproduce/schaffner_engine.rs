@@ -1,9 +1,9 @@
 //! Claims of Schaffner, Sopouch and Priebsch on the timing drive of a three-cylinder engine, with a bush and with a silent chain.
 
 use super::facts::SignalFacts;
-use super::laboratory::{Laboratory, ModeFacts, Trial, TrialFacts, Unanswered};
+use super::laboratory::{ClaimTrial, Laboratory, ModeFacts, TrialFacts, Unanswered};
 use super::probes::Probe;
-use super::{ClaimAnswer, Experiment, Verdict, least, list, peak_of, place};
+use super::{ClaimAnswer, ClaimVerdict, Experiment, least, list, peak_of, place};
 use crate::statics::Plungers;
 use crate::statistics::median;
 use std::sync::Arc;
@@ -60,12 +60,12 @@ const BUSH_PITCHES: &str = "effects.alternate_pitch.chain.difference_um=50";
 const SILENT_PITCHES: &str = "chain.silent.inner.flank_pitch_mm=8.015 chain.silent.outer.flank_pitch_mm=7.985";
 
 /// One of the engines at a speed, 26 turns of the crank or 13 in haste after as many to settle: supply pressure and the crank's ripple go with the speed.
-fn engine(lab: &Laboratory, drive: &str, rpm: f64) -> Trial {
+fn engine(lab: &Laboratory, drive: &str, rpm: f64) -> ClaimTrial {
     let turns = if lab.is_quick() { 13.0 } else { 26.0 };
     let supply_bar =
         if rpm < 3000.0 { 1.0 + (rpm - 800.0).max(0.0) / 1100.0 } else { 3.0 + 0.5 * (rpm - 3000.0) / 3500.0 };
     let ripple = (3400.0 / rpm) * (3400.0 / rpm);
-    Trial::run(drive, 13.0 * 60.0 / rpm, turns * 60.0 / rpm)
+    ClaimTrial::run(drive, 13.0 * 60.0 / rpm, turns * 60.0 / rpm)
         .set(&format!(
             "speeds.constant.crank.speed_rpm={rpm} speeds.constant.crank.amplitudes_deg=[{:.5},{:.5},{:.5}] reservoirs.supply.pressure_bar={supply_bar:.3} chambers.high.pressure_bar={supply_bar:.3}",
             0.0665 * ripple, 0.0107 * ripple, 0.0018 * ripple
@@ -74,7 +74,7 @@ fn engine(lab: &Laboratory, drive: &str, rpm: f64) -> Trial {
 }
 
 /// The bush engine with the widest or the narrowest gaps of ISO 606.
-pub(super) fn with_gaps(lab: &Laboratory, form: &str, rpm: f64) -> Trial {
+pub(super) fn with_gaps(lab: &Laboratory, form: &str, rpm: f64) -> ClaimTrial {
     engine(lab, BUSH, rpm)
         .set(&format!(
             "sprockets.crank.gap_form={form} sprockets.intake.gap_form={form} sprockets.exhaust.gap_form={form}"
@@ -94,7 +94,7 @@ fn sweep(lab: &Laboratory) -> Vec<f64> {
 /// A drive with pitches that differ, over the sweep.
 fn swept(lab: &Laboratory, drive: &str, set: &str) -> Result<(Vec<f64>, Vec<Arc<TrialFacts>>), Unanswered> {
     let speeds = sweep(lab);
-    let trials: Vec<Trial> = speeds.iter().map(|rpm| engine(lab, drive, *rpm).set(set)).collect();
+    let trials: Vec<ClaimTrial> = speeds.iter().map(|rpm| engine(lab, drive, *rpm).set(set)).collect();
     Ok((speeds, lab.all(&trials)?))
 }
 
@@ -111,14 +111,14 @@ fn s01(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let mut trials = Vec::new();
     for drive in [BUSH, SILENT] {
         for plungers in [Plungers::Open, Plungers::Oil] {
-            trials.push(Trial::modes(drive, plungers, 700.0));
+            trials.push(ClaimTrial::modes(drive, plungers, 700.0));
         }
     }
     let own = lab.all(&trials)?;
     let hz: Vec<f64> = own.iter().map(|f| first(f).map_or(f64::NAN, |m| m.hz)).collect();
     let inside = |k: usize| (80.0..=250.0).contains(&hz[k]);
     Ok(ClaimAnswer::new(
-        Verdict::trend((inside(0) || inside(1)) && (inside(2) || inside(3))),
+        ClaimVerdict::trend((inside(0) || inside(1)) && (inside(2) || inside(3))),
         format!(
             "first mode of sprockets, arm and plunger: bush {:.0} Hz with free oil, {:.0} Hz with closed chambers; silent {:.0} and {:.0} Hz",
             hz[0], hz[1], hz[2], hz[3]
@@ -132,7 +132,7 @@ fn s02(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let over = curve(&speeds, &own, CAM, |s| s.over_floor_db(20.0));
     let lowest = least(over.iter().filter(|p| p.0 >= 1500.0).map(|p| p.1));
     Ok(ClaimAnswer::new(
-        Verdict::trend(lowest > 10.0),
+        ClaimVerdict::trend(lowest > 10.0),
         format!(
             "order 20 of the intake's speed stands at least {lowest:.0} dB over its surroundings from 1500 1/min on"
         ),
@@ -145,9 +145,9 @@ fn s03(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let drive = lab.drive(BUSH, "")?;
     let length_mm = 1e3 * drive.links as f64 * drive.chain.pitch_m();
     let crank = drive.sprockets.iter().find(|s| s.name == "crank").map_or(0, |s| s.teeth);
-    let found = lab.one(&Trial::rest(BUSH))?;
+    let found = lab.one(&ClaimTrial::rest(BUSH))?;
     Ok(ClaimAnswer::new(
-        Verdict::number(drive.links == 130 && crank == 20 && (length_mm - 1040.0).abs() < 1e-9),
+        ClaimVerdict::number(drive.links == 130 && crank == 20 && (length_mm - 1040.0).abs() < 1e-9),
         format!(
             "{} links, {length_mm:.1} mm, crank {crank} teeth, cams 40; the loop closes at {:.0} N",
             drive.links,
@@ -159,7 +159,7 @@ fn s03(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
 
 fn s04(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let bush = engine(lab, BUSH, 3400.0).set(BUSH_PITCHES);
-    let ford = Trial::run("ford-v6", 0.5, 0.4).signals(&["slider.plunger.position", "slider.plunger.oil_force"]);
+    let ford = ClaimTrial::run("ford-v6", 0.5, 0.4).signals(&["slider.plunger.position", "slider.plunger.oil_force"]);
     let own = lab.all(&[bush, ford])?;
     let stiffness = |f: &TrialFacts| {
         let (force, way) = (f.signal("slider.plunger.oil_force"), f.signal("slider.plunger.position"));
@@ -167,7 +167,7 @@ fn s04(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     };
     let (soft, hard) = (stiffness(&own[0]), stiffness(&own[1]));
     Ok(ClaimAnswer::new(
-        Verdict::trend(hard > 20.0 * soft),
+        ClaimVerdict::trend(hard > 20.0 * soft),
         format!(
             "force of the oil over travel, both as rms, at 3400 1/min: {soft:.1} N/mm without a check valve, {hard:.0} N/mm with one (the tensioner of the V6's drive); plungers travel {:.2} and {:.3} mm from peak to peak",
             1e3 * own[0].signal("slider.plunger.position").peak_to_peak(),
@@ -185,7 +185,7 @@ fn s05(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let (plunger_peak, _) = peak_of(&plunger);
     let (third, _) = peak_of(&curve(&speeds, &own, CAM, |s| s.order(3.0)));
     Ok(ClaimAnswer::new(
-        Verdict::trend((peak / 3400.0 - 1.0).abs() < 0.02),
+        ClaimVerdict::trend((peak / 3400.0 - 1.0).abs() < 0.02),
         format!(
             "order 1.5 of the intake is largest at {} ({size:.2} rad/s), of the plunger at {}; order 3 at {}; 1.5 x 3400 / 60 = 85.0 Hz",
             place(peak, "1/min"),
@@ -199,12 +199,12 @@ fn s05(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
 
 fn s06(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let own = lab.all(&[
-        Trial::modes(BUSH, Plungers::Open, 700.0),
-        Trial::modes(BUSH, Plungers::Locked, 700.0),
-        Trial::modes(BUSH, Plungers::Open, 700.0).set("sliders.plunger.spring_n_per_mm=3"),
-        Trial::modes(BUSH, Plungers::Open, 700.0).set("chain.joint.stiffness_n_per_m=1e8"),
+        ClaimTrial::modes(BUSH, Plungers::Open, 700.0),
+        ClaimTrial::modes(BUSH, Plungers::Locked, 700.0),
+        ClaimTrial::modes(BUSH, Plungers::Open, 700.0).set("sliders.plunger.spring_n_per_mm=3"),
+        ClaimTrial::modes(BUSH, Plungers::Open, 700.0).set("chain.joint.stiffness_n_per_m=1e8"),
         // The other reading: oil locks the arm, links are ten times softer.
-        Trial::modes(BUSH, Plungers::Locked, 700.0).set("chain.joint.stiffness_n_per_m=5e6"),
+        ClaimTrial::modes(BUSH, Plungers::Locked, 700.0).set("chain.joint.stiffness_n_per_m=5e6"),
     ])?;
     let hz: Vec<f64> = own.iter().map(|f| first(f).map_or(f64::NAN, |m| m.hz)).collect();
     let torque = if lab.is_quick() {
@@ -231,7 +231,7 @@ fn s06(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
         )
     };
     Ok(ClaimAnswer::new(
-        Verdict::trend(hz[1] >= 1.8 * hz[0]),
+        ClaimVerdict::trend(hz[1] >= 1.8 * hz[0]),
         format!(
             "{:.1} Hz; plunger locked {:.0} Hz; its spring twice as stiff {:.1} Hz, links twice as stiff {:.1} Hz; locked with links of 5e6 N/m {:.0} Hz{torque}",
             hz[0], hz[1], hz[2], hz[3], hz[4]
@@ -242,7 +242,7 @@ fn s06(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
 
 fn s07(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let speeds = [2000.0, 3400.0, 5000.0];
-    let trials: Vec<Trial> = speeds.iter().map(|rpm| engine(lab, BUSH, *rpm).set(BUSH_PITCHES)).collect();
+    let trials: Vec<ClaimTrial> = speeds.iter().map(|rpm| engine(lab, BUSH, *rpm).set(BUSH_PITCHES)).collect();
     let own = lab.all(&trials)?;
     let orders = [1.5, 3.0, 4.5, 20.0];
     let mut told = Vec::new();
@@ -255,14 +255,14 @@ fn s07(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
         told.push(format!("{rpm:.0} 1/min: {} rad/s", list(&sizes, 2)));
     }
     Ok(ClaimAnswer::new(
-        Verdict::trend(present && leads),
+        ClaimVerdict::trend(present && leads),
         format!("orders 1.5, 3, 4.5, 20 of the intake: {}", told.join("; ")),
         "each more than 10 dB over its surroundings, 1.5 the largest below 4000 1/min; measured levels are lost",
     ))
 }
 
 fn s08(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
-    let found = lab.one(&Trial::modes(BUSH, Plungers::Open, 900.0))?;
+    let found = lab.one(&ClaimTrial::modes(BUSH, Plungers::Open, 900.0))?;
     // Cams against each other: both with much of the energy, at the top of those.
     let opposed = found
         .modes
@@ -276,7 +276,7 @@ fn s08(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
         .map(|o| place(peak_of(&curve(&speeds, &own, CAM, |s| s.order(*o))).0, "1/min"))
         .collect();
     Ok(ClaimAnswer::new(
-        if (hz / 560.0 - 1.0).abs() < 0.08 { Verdict::Trend } else { Verdict::NotReproduced },
+        if (hz / 560.0 - 1.0).abs() < 0.08 { ClaimVerdict::Trend } else { ClaimVerdict::NotReproduced },
         format!(
             "the cams swing against each other at {hz:.0} Hz; orders 6, 7.5, 9 are largest at {}",
             peaks.join(", ")
@@ -288,7 +288,7 @@ fn s08(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
 fn s09(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let step = if lab.is_quick() { 100.0 } else { 50.0 };
     let speeds: Vec<f64> = (0..).map(|k| 3850.0 + step * f64::from(k)).take_while(|rpm| *rpm <= 4350.0).collect();
-    let trials: Vec<Trial> = speeds.iter().map(|rpm| engine(lab, BUSH, *rpm).set(BUSH_PITCHES)).collect();
+    let trials: Vec<ClaimTrial> = speeds.iter().map(|rpm| engine(lab, BUSH, *rpm).set(BUSH_PITCHES)).collect();
     let own = lab.all(&trials)?;
     let ratio: Vec<(f64, f64)> = speeds
         .iter()
@@ -299,7 +299,7 @@ fn s09(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     // Of one degree of freedom on a moving base.
     let exact = 3.0 * 1365.0;
     Ok(ClaimAnswer::new(
-        Verdict::trend((peak / exact - 1.0).abs() < 0.01),
+        ClaimVerdict::trend((peak / exact - 1.0).abs() < 0.01),
         format!("order 20 of the transducer over that of the sprocket is largest at {peak:.0} 1/min ({size:.0} times), exactly {exact:.0}"),
         "within 1 % of 60 x 1365 / 20; the stiffness was set from the printed frequency, so that it shows the sensor's model alone",
     )
@@ -312,13 +312,13 @@ fn s10(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     } else {
         (0..13).map(|k| 2200.0 + 100.0 * f64::from(k)).collect()
     };
-    let mut trials: Vec<Trial> = speeds
+    let mut trials: Vec<ClaimTrial> = speeds
         .iter()
         .map(|rpm| engine(lab, SILENT, *rpm).set(SILENT_PITCHES).set("passages.orifice.throttle.diameter_mm=3.0"))
         .collect();
-    trials.push(Trial::modes(BUSH, Plungers::Open, 700.0));
-    trials.push(Trial::modes(SILENT, Plungers::Open, 700.0));
-    trials.push(Trial::modes(SILENT, Plungers::Open, 700.0).set("chain.joint.stiffness_n_per_m=5e7"));
+    trials.push(ClaimTrial::modes(BUSH, Plungers::Open, 700.0));
+    trials.push(ClaimTrial::modes(SILENT, Plungers::Open, 700.0));
+    trials.push(ClaimTrial::modes(SILENT, Plungers::Open, 700.0).set("chain.joint.stiffness_n_per_m=5e7"));
     let own = lab.all(&trials)?;
     let n = speeds.len();
     let hz: Vec<f64> = own[n..].iter().map(|f| first(f).map_or(f64::NAN, |m| m.hz)).collect();
@@ -332,7 +332,7 @@ fn s10(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     };
     let mass = links(SILENT)? / links(BUSH)?;
     Ok(ClaimAnswer::new(
-        Verdict::trend((peak / 2800.0 - 1.0).abs() < 0.03 && (mass - 1.1).abs() < 0.01),
+        ClaimVerdict::trend((peak / 2800.0 - 1.0).abs() < 0.03 && (mass - 1.1).abs() < 0.01),
         format!(
             "links {mass:.2} times as heavy; order 1.5 of the silent drive is largest at {} with the bush chain's orifice; first modes at rest, free oil: bush {:.1} Hz, silent {:.1} Hz, silent with links as stiff as the bush chain's {:.1} Hz",
             place(peak, "1/min"), hz[0], hz[1], hz[2]
@@ -345,7 +345,7 @@ fn s10(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
 fn s11(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let speeds = [2000.0, 3200.0, 4500.0];
     let orders = [1.5, 3.0, 4.5, 10.0, 20.0];
-    let mut trials: Vec<Trial> = speeds.iter().map(|rpm| engine(lab, SILENT, *rpm).set(SILENT_PITCHES)).collect();
+    let mut trials: Vec<ClaimTrial> = speeds.iter().map(|rpm| engine(lab, SILENT, *rpm).set(SILENT_PITCHES)).collect();
     trials.extend(speeds.iter().map(|rpm| engine(lab, BUSH, *rpm).set(BUSH_PITCHES)));
     let own = lab.all(&trials)?;
     let lowest = |o: f64| least(own.iter().take(3).map(|f| f.signal(CAM).over_floor_db(o)));
@@ -354,7 +354,7 @@ fn s11(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let tenth = |k: usize| own[k].signal(CAM).order(10.0);
     let ratio: Vec<f64> = (0..3).map(|k| tenth(k) / tenth(k + 3)).collect();
     Ok(ClaimAnswer::new(
-        Verdict::trend(over.iter().all(|db| *db > 10.0) && bush_db < 3.0),
+        ClaimVerdict::trend(over.iter().all(|db| *db > 10.0) && bush_db < 3.0),
         format!(
             "orders 1.5, 3, 4.5, 10, 20 stand at least {} dB over their surroundings at 2000, 3200 and 4500 1/min; order 10 is {} times the bush chain's, which stands up to {bush_db:.0} dB over its own",
             list(&over, 0),
@@ -370,7 +370,7 @@ fn s12(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let mut told = Vec::new();
     let mut above = 0;
     let same = BUSH_PITCHES;
-    let mut trials: Vec<Trial> = speeds.iter().map(|rpm| engine(lab, BUSH, *rpm).set(BUSH_PITCHES)).collect();
+    let mut trials: Vec<ClaimTrial> = speeds.iter().map(|rpm| engine(lab, BUSH, *rpm).set(BUSH_PITCHES)).collect();
     trials.extend(speeds.iter().map(|rpm| engine(lab, SILENT, *rpm).set(SILENT_PITCHES)));
     trials.extend(speeds.iter().map(|rpm| engine(lab, SILENT, *rpm).set(same)));
     let own = lab.all(&trials)?;
@@ -382,7 +382,7 @@ fn s12(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
         told.push(format!("{rpm:.0} 1/min: {bush:.3}, {silent:.3}, {equal:.3}"));
     }
     Ok(ClaimAnswer::new(
-        Verdict::trend(above + 1 >= n),
+        ClaimVerdict::trend(above + 1 >= n),
         format!(
             "order 10 over order 20 of the intake: bush with pitches 50 um apart, silent with flanks +-15 um, silent with pitches 50 um apart: {}",
             told.join("; ")
@@ -393,13 +393,16 @@ fn s12(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
 
 fn s13(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let trial = |drive: &str, set: &str| {
-        Trial::run(drive, 0.05, 0.15).set(set).every_s(10e-6).probe(Probe::FirstTouches { sprocket: "crank".into() })
+        ClaimTrial::run(drive, 0.05, 0.15)
+            .set(set)
+            .every_s(10e-6)
+            .probe(Probe::FirstTouches { sprocket: "crank".into() })
     };
     let own = lab.all(&[trial(BUSH, BUSH_PITCHES), trial(SILENT, SILENT_PITCHES)])?;
     let shift = |k: usize| own[k].probed("shift_periods");
     let radius = |k: usize| 1e3 * (own[k].probed("even_radius_mm") - own[k].probed("odd_radius_mm"));
     Ok(ClaimAnswer::new(
-        Verdict::trend(shift(1).abs() > 3.0 * shift(0).abs() && shift(0).abs() < 0.03),
+        ClaimVerdict::trend(shift(1).abs() > 3.0 * shift(0).abs() && shift(0).abs() < 0.03),
         format!(
             "first touches of one row come {:.3} tooth periods early with bushes (pitches 50 um apart) and {:.3} with silent links (flanks +-15 um); {:.0} and {:.0} um further out",
             shift(0).abs(),
@@ -441,7 +444,7 @@ fn s14(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let tensioner = 0.5 * (log(r[1], r[0]) + log(r[3], r[2]));
     let chain = 0.5 * (log(r[2], r[0]) + log(r[3], r[1]));
     Ok(ClaimAnswer::new(
-        Verdict::trend(tensioner < 0.0 && tensioner.abs() > chain.abs()),
+        ClaimVerdict::trend(tensioner < 0.0 && tensioner.abs() > chain.abs()),
         format!(
             "speed of the intake, rms, median over {n} speeds: bush {:.2} and {:.2} rad/s with orifices of 3.0 and 1.2 mm, silent {:.2} and {:.2}; main effects: tensioner {:+.0} %, chain {:+.0} %; as they are built, silent over bush {:.2}",
             r[0],
@@ -457,13 +460,14 @@ fn s14(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
 }
 
 fn s15(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
-    let own = lab.all(&[Trial::modes(BUSH, Plungers::Oil, 900.0), Trial::modes(SILENT, Plungers::Oil, 900.0)])?;
+    let own =
+        lab.all(&[ClaimTrial::modes(BUSH, Plungers::Oil, 900.0), ClaimTrial::modes(SILENT, Plungers::Oil, 900.0)])?;
     let inside = |k: usize| -> Vec<f64> {
         let modes = own[k].modes.iter().filter(|m| (500.0..=900.0).contains(&m.hz));
         modes.filter(|m| m.share("sprockets.") + m.share("arms.") > 0.1).map(|m| m.hz).collect()
     };
     Ok(ClaimAnswer::new(
-        Verdict::NotCheckable,
+        ClaimVerdict::NotCheckable,
         format!(
             "modes of sprockets and arm at 500 to 900 Hz: bush {}, silent {}",
             list(&inside(0), 0),
@@ -480,7 +484,7 @@ fn s16(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let (b, s) = (of(&bush), of(&silent));
     let ratio = median(b.iter().zip(&s).map(|(b, s)| s.1 / b.1));
     Ok(ClaimAnswer::new(
-        Verdict::trend((0.7..=1.4).contains(&ratio)),
+        ClaimVerdict::trend((0.7..=1.4).contains(&ratio)),
         format!("order 20 of the intake's speed, silent over bush: median {ratio:.2} over {} speeds", speeds.len()),
         "between 0.7 and 1.4; it hangs on the form of the teeth, which is not printed",
     )
@@ -511,7 +515,7 @@ fn s17(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
         told.push(format!("{name}: {}", list.join(", ")));
     }
     Ok(ClaimAnswer::new(
-        Verdict::trend(among),
+        ClaimVerdict::trend(among),
         format!("order 20 of the forces into mounts, mean over {} speeds: {}", speeds.len(), told.join("; ")),
         "the pivot of the arm is among the two largest of all mounts, axes of sprockets included; the force that accelerates the arm itself is not in it, nor how a force becomes sound",
     ))
@@ -530,7 +534,7 @@ fn s18(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     let (ten, twenty, forty) = (track(10.0), track(20.0), track(40.0));
     let ratio = median(ten.iter().zip(&twenty).map(|(a, b)| a.1 / b.1));
     Ok(ClaimAnswer::new(
-        Verdict::trend(ratio < 0.1),
+        ClaimVerdict::trend(ratio < 0.1),
         format!(
             "order 10 over order 20 of the arm's acceleration: median {ratio:.3}; order 40 over order 20: median {:.2}",
             median(forty.iter().zip(&twenty).map(|(a, b)| a.1 / b.1))
@@ -571,7 +575,7 @@ fn s19(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
         .collect();
     let told: Vec<String> = peaks.iter().map(|(hz, order)| format!("{hz:.0} (order {order:.0})")).collect();
     Ok(ClaimAnswer::new(
-        Verdict::trend(met.len() >= 3),
+        ClaimVerdict::trend(met.len() >= 3),
         format!("peaks over speed: {} Hz; of the printed ones met: {}", told.join(", "), list(&met, 0)),
         "at least three of the six printed frequencies within 5 % or half the distance of the speeds; levels are lost",
     )
@@ -587,7 +591,7 @@ fn s20(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     };
     let (ten, twenty) = (ratio(10.0), ratio(20.0));
     Ok(ClaimAnswer::new(
-        Verdict::trend(ten > 5.0 && (1.0 / 1.5..=1.5).contains(&twenty)),
+        ClaimVerdict::trend(ten > 5.0 && (1.0 / 1.5..=1.5).contains(&twenty)),
         format!(
             "acceleration of the arm, silent over bush: order 10 {ten:.1}, order 20 {twenty:.2} (medians over {} speeds)",
             speeds.len()
