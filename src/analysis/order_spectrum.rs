@@ -304,7 +304,7 @@ pub(super) fn even(turns: &[f64], values: &[f64]) -> Vec<f64> {
 }
 
 /// Takes out mean and slope; returns the mean.
-pub fn remove_line(values: &mut [f64]) -> f64 {
+pub(super) fn remove_line(values: &mut [f64]) -> f64 {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n;
     let middle = 0.5 * (n - 1.0);

@@ -17,7 +17,7 @@ pub struct Profiles {
     pub sprockets: Vec<Toothing>,
     pub rows: Vec<LinkShape>,
     pub contour: Option<LinkContour>,
-    /// Of an abutment chain.
+    /// Both abutments of a link; None: the chain has none.
     pub abutment: Option<Abutment>,
     /// Per sprocket of an abutment chain; None: a circle.
     pub rings: Vec<Option<LobedRing>>,

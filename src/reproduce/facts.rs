@@ -1,8 +1,7 @@
-//! What is kept of a signal: its size, its orders with their surroundings, phases of the low ones, and its size over speed.
+//! What is kept of a signal: its size, its orders with their surroundings, phases of the low ones, the largest peaks.
 
-use crate::analysis::order_spectrum::{AngleRecord, remove_line, spectrum};
+use crate::analysis::order_spectrum::{AngleRecord, spectrum};
 use crate::statistics::median;
-use crate::units::RPM;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
@@ -12,19 +11,6 @@ pub const HIGHEST_ORDER: usize = 60;
 const PHASES_TO: usize = 12;
 /// Peaks that are kept.
 const PEAKS: usize = 30;
-
-/// A signal while the speed lies in a bin.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SpeedBin {
-    /// Middle of the bin [1/min].
-    pub rpm: f64,
-    pub n: usize,
-    pub mean: f64,
-    /// About a straight line.
-    pub rms: f64,
-    pub low: f64,
-    pub high: f64,
-}
 
 /// Facts of a signal.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -43,12 +29,11 @@ pub struct SignalFacts {
     pub phases: Vec<f64>,
     /// Largest peaks: frequency at the mean speed [Hz], amplitude.
     pub peaks: Vec<(f64, f64)>,
-    pub bins: Vec<SpeedBin>,
 }
 
 impl SignalFacts {
-    /// Of a record; `bin_rpm`: width of bins over the speed of the driver.
-    pub fn of(record: &AngleRecord, bin_rpm: Option<f64>) -> SignalFacts {
+    /// Computes them from a signal over the angle of the driver.
+    pub fn of(record: &AngleRecord) -> SignalFacts {
         let values = &record.values;
         let n = values.len();
         let mean = values.iter().sum::<f64>() / n.max(1) as f64;
@@ -59,7 +44,6 @@ impl SignalFacts {
             rms,
             low: finite(values.iter().copied().fold(f64::INFINITY, f64::min)),
             high: finite(values.iter().copied().fold(f64::NEG_INFINITY, f64::max)),
-            bins: bin_rpm.map_or_else(Vec::new, |width| bins(record, width)),
             ..SignalFacts::default()
         };
         let Ok(found) = spectrum(record) else { return facts };
@@ -117,41 +101,11 @@ fn phase(record: &AngleRecord, order: f64, mean: f64) -> f64 {
     libm::atan2(im, re)
 }
 
-/// Speed at which bins are taken: over this time [s].
-const SPEED_OVER_S: f64 = 5e-3;
-
-/// A record sorted by the speed of the driver, which is taken over some milliseconds so that its ripple does not sort.
-fn bins(record: &AngleRecord, width_rpm: f64) -> Vec<SpeedBin> {
-    let speed_rpm = |i: usize| {
-        let to = record.times_s.partition_point(|t| *t < record.times_s[i] + SPEED_OVER_S).min(record.turns.len() - 1);
-        let from = record.times_s.partition_point(|t| *t < record.times_s[i] - SPEED_OVER_S);
-        let turned = (record.turns[to] - record.turns[from]).abs();
-        turned / (record.times_s[to] - record.times_s[from]).max(1e-12) * 2.0 * PI / RPM
-    };
-    let mut sorted: Vec<(i64, Vec<f64>)> = Vec::new();
-    for (i, value) in record.values.iter().enumerate() {
-        let bin = (speed_rpm(i) / width_rpm).floor() as i64;
-        match sorted.iter_mut().find(|(own, _)| *own == bin) {
-            Some((_, values)) => values.push(*value),
-            None => sorted.push((bin, vec![*value])),
-        }
-    }
-    sorted.sort_by_key(|(bin, _)| *bin);
-    let of = |(bin, mut values): (i64, Vec<f64>)| {
-        let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
-        let n = values.len();
-        let mean = if n >= 3 { remove_line(&mut values) } else { 0.0 };
-        let rms = libm::sqrt(values.iter().map(|v| v * v).sum::<f64>() / n as f64);
-        SpeedBin { rpm: (bin as f64 + 0.5) * width_rpm, n, mean, rms, low, high }
-    };
-    sorted.into_iter().map(of).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// A sine of a known order, with an offset and a slow run-up: its amplitude, its phase and its bins.
+    /// A cosine of a known order beside an offset: its mean, its amplitude and its phase.
     #[test]
     fn facts_of_a_sine_are_its_own() {
         let mut record = AngleRecord::default();
@@ -163,10 +117,8 @@ mod tests {
             record.values.push(3.0 + 0.7 * libm::cos(2.0 * PI * 1.5 * turns + 0.4));
         }
         record.turns_per_s = 50.0;
-        let facts = SignalFacts::of(&record, Some(100.0));
+        let facts = SignalFacts::of(&record);
         assert!((facts.mean - 3.0).abs() < 1e-3 && (facts.order(1.5) - 0.7).abs() < 1e-3, "{facts:?}");
         assert!((facts.phase(1.5) - 0.4).abs() < 1e-3 && facts.over_floor_db(1.5) > 40.0);
-        let full: Vec<_> = facts.bins.iter().filter(|b| b.n > 1000).collect();
-        assert!(full.iter().all(|b| (b.rms - 0.7 / 2.0_f64.sqrt()).abs() < 5e-3), "{full:?}");
     }
 }

@@ -38,7 +38,7 @@ pub enum TrialWork {
         impacts: bool,
         compare: bool,
         probe: Option<Probe>,
-        /// Width of the bins of speed over which signals and probe are sorted [1/min].
+        /// Width of the bins of speed into which the probe sorts its forces [1/min].
         bin_rpm: Option<f64>,
     },
     /// Modes below this frequency [Hz].
@@ -469,7 +469,7 @@ fn attempt(trial: &ClaimTrial, shared: &SharedParts, stop: &AtomicBool) -> Resul
             let facts = signals
                 .iter()
                 .zip(&found.signals)
-                .map(|(name, record)| (name.clone(), SignalFacts::of(&after(record, *settle_s), *bin_rpm)))
+                .map(|(name, record)| (name.clone(), SignalFacts::of(&after(record, *settle_s))))
                 .collect();
             let probe = own.map_or(Value::Null, |own| own.finish());
             Ok(TrialFacts { tree: found.tree, signals: facts, probe, ..TrialFacts::default() })

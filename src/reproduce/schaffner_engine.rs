@@ -303,7 +303,7 @@ fn s09(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
         .map(|(rpm, f)| (*rpm, f.signal("sensors.tachometer.transducer").order(20.0) / f.signal(CAM).order(20.0)))
         .collect();
     let (peak, size) = peak_of(&ratio);
-    // Of one degree of freedom on a moving base.
+    // A disc on a spring, its base moved with an amplitude of its own, swings most at its natural frequency.
     let exact = 3.0 * 1365.0;
     Ok(ClaimAnswer::new(
         ClaimVerdict::trend((peak / exact - 1.0).abs() < 0.01),
