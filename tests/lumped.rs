@@ -67,6 +67,7 @@ fn task() -> Task {
         samples: Samples::Times { t_s: (0..SAMPLES).map(|i| i as f64 * STEP_S).collect(), step_s: STEP_S, even: true },
         inputs: vec![input],
         hold: false,
+        start_s: 0.0,
     }
 }
 
@@ -199,6 +200,7 @@ fn dissipative_rows_take_energy_and_never_give_any() {
         samples: Samples::Times { t_s: (0..2000).map(|i| f64::from(i) * 1e-3).collect(), step_s: 1e-3, even: true },
         inputs: vec![],
         hold: false,
+        start_s: 0.0,
     };
     let start = InitialState { q: vec![0.0, 0.05], v: vec![8.0, 5.0], travel: 0.0 };
     let energy = |m: &Machine| -> Vec<f64> {
@@ -211,7 +213,9 @@ fn dissipative_rows_take_energy_and_never_give_any() {
     // Fourth order, a step of 1 ms: measured 2.4e-10 of the energy in 2 s.
     let drift = (conserved[1999] - conserved[0]).abs() / conserved[0];
     assert!(drift < 1e-8, "the oscillator itself drifts by {drift}");
-    for e in EFFECTS.iter().filter(|e| e.dissipative && !matches!(e.physics, Physics::LinksOnly)) {
+    // What acts on inputs has a test of its own: nothing drives these bodies.
+    let freely = |e: &&&'static Effect| e.dissipative && e.on != On::Input && !matches!(e.physics, Physics::LinksOnly);
+    for e in EFFECTS.iter().filter(freely) {
         let Some((name, target)) = m.targets(e).into_iter().next() else { panic!("nothing to put {} on", e.name) };
         let mut numbers = values(&m, e, target, true);
         if e.name == "span_damping" {
@@ -249,6 +253,7 @@ fn a_flywheel_in_air_runs_down_as_the_closed_form_says() {
         samples: Samples::Pulses { intervals: 200, first: 2, interval_s: 0.01, longest_s: 0.1 },
         inputs: vec![],
         hold: false,
+        start_s: 0.0,
     };
     let start = InitialState { q: vec![0.0], v: vec![100.0], travel: 0.0 };
     let ln_dt = &run(&m, &m.values, &task, &start, &[0], MAX_STEPS).expect("the run holds")[0];
@@ -270,6 +275,7 @@ fn dry_friction_stops_at_a_constant_rate() {
         samples: Samples::Times { t_s: (0..200).map(|i| f64::from(i) * 1e-3).collect(), step_s: 1e-3, even: true },
         inputs: vec![],
         hold: false,
+        start_s: 0.0,
     };
     let start = InitialState { q: vec![0.5], v: vec![1.0], travel: 0.0 };
     let s = run(&m, &m.values, &task, &start, &[0, 1], MAX_STEPS).expect("the run holds");
@@ -296,7 +302,7 @@ fn a_lag_of_a_held_input_gives_its_impulse_however_short_it_is() {
             time_s * 1e3
         ));
         let samples = Samples::Times { t_s: t_s.clone(), step_s, even: true };
-        let task = Task { samples, inputs: vec![input.clone()], hold: true };
+        let task = Task { samples, inputs: vec![input.clone()], hold: true, start_s: 0.0 };
         let start = InitialState { q: vec![0.0], v: vec![0.0], travel: 0.0 };
         let speeds = &run(&m, &m.values, &task, &start, &[0], MAX_STEPS).expect("the run holds")[0];
         let (mut y, mut impulse) = (0.0, 0.0);
@@ -320,6 +326,7 @@ fn a_free_oscillator_converges_with_the_fourth_order() {
             samples: Samples::Times { t_s: (0..=n).map(|i| i as f64 * step_s).collect(), step_s, even: true },
             inputs: vec![],
             hold: false,
+            start_s: 0.0,
         };
         let start = InitialState { q: vec![0.01], v: vec![0.0], travel: 0.0 };
         let s = run(&m, &m.values, &task, &start, &[0], MAX_STEPS).expect("the run holds");
@@ -340,6 +347,7 @@ fn filters_and_delays_do_to_a_ramp_what_they_should() {
         samples: Samples::Times { t_s: (0..500).map(|i| f64::from(i) * 1e-3).collect(), step_s: 1e-3, even: true },
         inputs: vec![],
         hold: false,
+        start_s: 0.0,
     };
     let start = InitialState { q: vec![0.0], v: vec![0.0], travel: 0.0 };
     let show = |name: &str, value: f64| -> Vec<f64> {
@@ -398,6 +406,7 @@ fn uneven_marks_move_intervals_by_their_own_share_at_every_speed() {
             samples: Samples::Pulses { intervals: 8, first: 0, interval_s: gap, longest_s: gap },
             inputs: vec![],
             hold: false,
+            start_s: 0.0,
         };
         let start = InitialState { q: vec![0.0], v: vec![speed], travel: 0.0 };
         let s = run(&with, &with.values, &task, &start, &[0], MAX_STEPS).expect("the run holds");
@@ -438,6 +447,7 @@ fn dry_friction_stops_a_disc_when_its_closed_form_says() {
         samples: Samples::Times { t_s: t_s.clone(), step_s: 0.01, even: true },
         inputs: vec![vec![0.0; 200]],
         hold: true,
+        start_s: 0.0,
     };
     let start = InitialState { q: vec![0.0], v: vec![10.0], travel: 0.0 };
     let by = |reads| m.sensors.iter().position(|s| s.reads == reads).expect("a sensor");
@@ -454,6 +464,83 @@ fn dry_friction_stops_a_disc_when_its_closed_form_says() {
             // The law's sign is v / sqrt(v^2 + stick^2), so that friction falls short of T by stick^2 / 2 v^2.
             let v = v + 0.5 * stick * stick * (1.0 / v - 1.0 / 10.0);
             assert!((out[0][i] - v).abs() < 1e-9, "{i}: {} {v}", out[0][i]);
+        }
+    }
+}
+
+/// A disc with a measured torque, a tachometer and an encoder, and what one more table says.
+fn disc(table: &str) -> Machine {
+    machine(&format!(
+        "fidelity = \"lumped\"\n[rotors.disc]\ninertia_kg_m2 = 0.01\n[inputs.torque.disc]\ngain_nm_per_unit = 0.5\n\
+         [sensors.tachometer.disc]\n[sensors.encoder.angle]\nbody = \"disc\"\n{table}"
+    ))
+}
+
+/// Speed and angle of [`disc`] at samples 1 ms apart.
+fn motion(m: &Machine, torque: Vec<f64>, v: f64, start_s: f64) -> (Vec<f64>, Vec<f64>) {
+    let t_s = (0..torque.len()).map(|i| f64::from(i as u32) * 1e-3).collect();
+    let samples = Samples::Times { t_s, step_s: 1e-3, even: true };
+    let task = Task { samples, inputs: vec![torque], hold: true, start_s };
+    let start = InitialState { q: vec![0.0], v: vec![v], travel: 0.0 };
+    let by = |reads| m.sensors.iter().position(|s| s.reads == reads).expect("a sensor");
+    let channels = [by(Reads::Speed(0)), by(Reads::Angle(0))];
+    let mut out = run(m, &m.values, &task, &start, &channels, 1e4).expect("a run");
+    let angle = out.pop().expect("an angle");
+    (out.pop().expect("a speed"), angle)
+}
+
+/// A push far below the slip is answered by a spring of stiffness T / s; a fast disc loses T x - T s (1 - exp(-x / s)) over a way x.
+#[test]
+fn friction_that_bends_is_a_spring_at_first_and_then_slides() {
+    let m = disc("[effects.presliding_friction.disc]\ntorque_nm = 0.4\nslip_rad = 0.01\n");
+    let omega = (0.4_f64 / (0.01 * 0.01)).sqrt();
+    let size = 1e-7;
+    let (_, angle) = motion(&m, vec![0.0; 200], size * omega, 0.0);
+    for (i, q) in angle.iter().enumerate() {
+        let exact = size * (omega * i as f64 * 1e-3).sin();
+        // The loop of the hysteresis takes a share of the order of size / s.
+        assert!((q - exact).abs() < 1e-4 * size, "{i}: {q} {exact}");
+    }
+    let (speed, angle) = motion(&m, vec![0.0; 200], 10.0, 0.0);
+    for (v, x) in speed.iter().zip(&angle) {
+        let lost = 0.4 * (x + 0.01 * (-x / 0.01_f64).exp_m1());
+        let energy = 0.5 * 0.01 * (100.0 - v * v);
+        assert!((energy - lost).abs() < 1e-6 * 0.5, "{x}: {energy} {lost}");
+    }
+    // The bristles may be bent when a record begins: they then pull all the way.
+    let bent = disc("[effects.presliding_friction.disc]\ntorque_nm = 0.4\nslip_rad = 0.01\nstart = 1.0\n");
+    let (speed, _) = motion(&bent, vec![0.0; 100], 10.0, 0.0);
+    assert!((speed[99] - (10.0 - 40.0 * 0.099)).abs() < 1e-9, "{}", speed[99]);
+}
+
+/// J v' = -T exp(-t / tau), with t from the start of the record and not of the stretch that is run.
+#[test]
+fn friction_fades_from_the_start_of_its_record() {
+    let m = disc("[effects.warming_friction.disc]\ntorque_nm = 0.1\ntime_s = 0.2\nstick_speed_rad_s = 1e-6\n");
+    for start_s in [0.0, 0.3] {
+        let (speed, _) = motion(&m, vec![0.0; 300], 50.0, start_s);
+        for (i, v) in speed.iter().enumerate() {
+            let (from, to) = ((-start_s / 0.2).exp(), (-(start_s + i as f64 * 1e-3) / 0.2).exp());
+            let exact = 50.0 - 0.1 * 0.2 / 0.01 * (from - to);
+            assert!((v - exact).abs() < 1e-9, "{start_s} {i}: {v} {exact}");
+        }
+    }
+}
+
+/// A torque that drives for 0.1 s, then brakes: a transmission takes a share of it both times; an amplifier gives more one way.
+#[test]
+fn a_share_of_the_drive_is_lost_or_given_by_its_sign() {
+    let torque: Vec<f64> = (0..200).map(|i| if i < 100 { 2.0 } else { -1.0 }).collect();
+    let rows = [
+        ("[effects.load_friction.disc]\nloss_percent = 20.0\nstick_speed_rad_s = 1e-6\n", 0.8, -1.2),
+        ("[effects.input_gain_by_sign.disc]\ndifference_percent = 10.0\n", 1.1, -0.9),
+    ];
+    for (table, forwards, backwards) in rows {
+        let (speed, _) = motion(&disc(table), torque.clone(), 30.0, 0.0);
+        for (i, v) in speed.iter().enumerate() {
+            let t = i as f64 * 1e-3;
+            let exact = 30.0 + 50.0 * (2.0 * forwards * t.min(0.1) + backwards * (t - 0.1).max(0.0));
+            assert!((v - exact).abs() < 1e-9, "{table}{i}: {v} {exact}");
         }
     }
 }

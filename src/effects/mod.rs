@@ -21,12 +21,14 @@ pub mod guide_compliance;
 pub mod guide_friction;
 pub mod input_dead_zone;
 pub mod input_delay;
+pub mod input_gain_by_sign;
 pub mod input_gain_curve;
 pub mod input_lag;
 pub mod input_offset;
 pub mod input_saturation;
 pub mod latency;
 pub mod link_mass;
+pub mod load_friction;
 pub mod low_pass;
 pub mod mark_spacing;
 pub mod mark_strength;
@@ -35,6 +37,7 @@ pub mod offset;
 pub mod pin_friction;
 pub mod pitch_error;
 pub mod polygon;
+pub mod presliding_friction;
 pub mod quadratic_drag;
 pub mod quantisation;
 pub mod sensor_resonance;
@@ -53,6 +56,7 @@ pub mod torque_ripple;
 pub mod torsional_resonance;
 pub mod unbalance;
 pub mod viscous_friction;
+pub mod warming_friction;
 pub mod wear_elongation;
 
 /// Kind of target of an effect.
@@ -156,6 +160,10 @@ pub enum Scale {
     PerInput,
     /// Time between two samples [s].
     SampleTime,
+    /// Length of the longest record [s].
+    RecordTime,
+    /// How far the body moves between two samples at its root mean square speed [m, rad].
+    SampleTravel,
     /// Medium angular frequency of the samples [rad/s].
     Rate,
     /// 10 um.
@@ -314,6 +322,24 @@ pub struct Trace<'a> {
 
 /// Force on a body [N, N m] from the effect's parameters.
 pub type BodyLaw = fn(&[f64], BodyAt) -> f64;
+/// The same, with the time since the record began [s].
+pub type TimedLaw = fn(&[f64], BodyAt, f64) -> f64;
+/// Force on a body [N, N m] beside the force of an input that acts on it, which is the last argument [N, N m].
+pub type LoadedLaw = fn(&[f64], BodyAt, f64) -> f64;
+
+/// A force on a body with an inner state.
+#[derive(Clone, Copy)]
+pub struct StateLaw {
+    /// Force at a state [N, N m].
+    pub force: fn(&[f64], f64) -> f64,
+    /// Rate of change of a state at a speed [1/s].
+    pub rate: fn(&[f64], f64, f64) -> f64,
+    /// Index of the parameter that is the state at the start of a record.
+    pub start: usize,
+    /// Stiffness at rest [N/m, N m/rad], and how fast the state follows at a speed [1/s]: what a step must resolve.
+    pub stiffness: fn(&[f64]) -> f64,
+    pub fastest: fn(&[f64], f64) -> f64,
+}
 /// Factor of a prescribed speed minus one, as a function of angle.
 pub type MotionLaw = fn(&[f64], f64) -> f64;
 /// Torque on a sprocket from the chain's position and the sprocket's speed [N m].
@@ -326,6 +352,12 @@ pub type MarkLaw = fn(&[f64], usize) -> (f64, f64);
 pub enum Physics {
     /// Force on a body [N, N m].
     BodyForce(BodyLaw),
+    /// Force on a body that changes with time [N, N m].
+    TimedForce(TimedLaw),
+    /// Force on the body of an input that depends on the input's force [N, N m].
+    LoadedForce(LoadedLaw),
+    /// Force on a body with an inner state [N, N m].
+    StateForce(StateLaw),
     /// Lengthening of a span's path at a sprocket as a function of the sprocket's angle, and its slope [m, m/rad].
     SpanLength(fn(&[f64], u32, f64) -> (f64, f64)),
     /// Lengthening of a span as a function of the chain's travel, and its slope [m, m/link].
@@ -460,7 +492,7 @@ impl PartialEq for Effect {
 }
 
 /// The catalogue. Effects on sensors are in the order in which a signal passes them.
-pub const EFFECTS: [&Effect; 46] = [
+pub const EFFECTS: [&Effect; 50] = [
     &sprocket_runout::ROW,
     &tooth_pitch_error::ROW,
     &gap_error::ROW,
@@ -482,13 +514,17 @@ pub const EFFECTS: [&Effect; 46] = [
     &flexible_coupling::ROW,
     &coulomb_friction::ROW,
     &stribeck_friction::ROW,
+    &presliding_friction::ROW,
+    &warming_friction::ROW,
     &viscous_friction::ROW,
     &quadratic_drag::ROW,
     &constant_torque::ROW,
     &torque_ripple::ROW,
     &unbalance::ROW,
     &speed_fluctuation::ROW,
+    &load_friction::ROW,
     &input_gain_curve::ROW,
+    &input_gain_by_sign::ROW,
     &input_saturation::ROW,
     &input_dead_zone::ROW,
     &input_offset::ROW,

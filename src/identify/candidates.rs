@@ -204,12 +204,8 @@ impl Sizes {
     fn scale(&self, m: &Machine, target: Target, scale: Scale) -> f64 {
         let body = match target {
             Target::Body(b) => b,
-            Target::Spring(_)
-            | Target::Input(_)
-            | Target::Sensor(_)
-            | Target::Chain(_)
-            | Target::Guide(_)
-            | Target::Span(_) => 0,
+            Target::Input(i) => m.inputs[i].body,
+            Target::Spring(_) | Target::Sensor(_) | Target::Chain(_) | Target::Guide(_) | Target::Span(_) => 0,
         };
         let known = |of: &[f64], i: usize| of.get(i).copied().filter(|x| *x > 0.0).unwrap_or(1e-3);
         let (force, speed) = (known(&self.force, body), known(&self.speed, body));
@@ -254,6 +250,8 @@ impl Sizes {
             Scale::Input => input,
             Scale::PerInput => 1.0 / input,
             Scale::SampleTime => self.sample_s,
+            Scale::RecordTime => self.length_s,
+            Scale::SampleTravel => speed * self.sample_s,
             Scale::Rate => self.rate,
             Scale::Micrometre10 => m.effort().small_length_m,
         }

@@ -214,12 +214,16 @@ fn turned_segment(
     let step_s = h * every as f64;
     let t_s = (0..left).map(|i| i as f64 * step_s).collect();
     Some(RecordSegment {
-        task: Task { samples: Samples::Times { t_s, step_s, even: true }, inputs, hold: false },
+        task: Task {
+            samples: Samples::Times { t_s, step_s, even: true },
+            inputs,
+            hold: false,
+            start_s: s.task.start_s + margin as f64 * h,
+        },
         measured,
         judge_from: fits,
         start,
         at_rest: false,
-        start_s: s.start_s + margin as f64 * h,
         ..s.clone()
     })
 }

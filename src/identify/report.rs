@@ -626,7 +626,7 @@ fn curves(found: &AcceptedResult, data: &Data) -> Vec<Curve> {
     let mut all = Vec::new();
     for k in order.into_iter().take(MAX_CURVES) {
         let s = &data.segments[k];
-        let at = own.segments.iter().position(|o| o.record == s.record && o.start_s == s.start_s);
+        let at = own.segments.iter().position(|o| o.record == s.record && o.task.start_s == s.task.start_s);
         let series = |m: &FittedModel, judged: &Option<(Problem, Point)>| -> Vec<Vec<f64>> {
             let model = match (judged, at) {
                 (Some((held, point)), Some(at)) if s.judge_from == 0 => {
@@ -639,9 +639,9 @@ fn curves(found: &AcceptedResult, data: &Data) -> Vec<Curve> {
         };
         let (b, a) = (series(&found.declared, &before), series(&found.best, &after));
         let t_s: Vec<f64> = match &s.task.samples {
-            crate::machine::simulate::Samples::Times { t_s, .. } => t_s.iter().map(|t| t + s.start_s).collect(),
+            crate::machine::simulate::Samples::Times { t_s, .. } => t_s.iter().map(|t| t + s.task.start_s).collect(),
             crate::machine::simulate::Samples::Pulses { .. } => {
-                let mut t = s.start_s;
+                let mut t = s.task.start_s;
                 s.measured[0]
                     .iter()
                     .map(|v| {

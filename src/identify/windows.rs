@@ -35,6 +35,7 @@ pub fn split(problem: &Problem, together: usize) -> Option<(Data, Vec<Begin>)> {
             let own = |all: &Vec<f64>| all[from..to].to_vec();
             part.measured = s.measured.iter().map(own).collect();
             part.task.inputs = s.task.inputs.iter().map(own).collect();
+            part.task.start_s += t_s[from];
             let t_s = t_s[from..to].iter().map(|t| t - t_s[from]).collect();
             part.task.samples = Samples::Times { t_s, step_s: *step_s, even: *even };
             part.judge_from = to - from;

@@ -1,7 +1,10 @@
 //! Prepares a lumped machine for simulation and computes the forces on its bodies and its fastest rates.
 
 use super::{Body, BodyMotion, Machine, PlacedEffect, Target};
-use crate::effects::{BodyAt, BodyLaw, ChainAt, ChainTorqueLaw, HighestOrder, Kind, MotionLaw, Physics, SpanAt};
+use crate::effects::{
+    BodyAt, BodyLaw, ChainAt, ChainTorqueLaw, HighestOrder, Kind, LoadedLaw, MotionLaw, Physics, SpanAt, StateLaw,
+    TimedLaw,
+};
 use std::f64::consts::PI;
 
 /// A machine with its parameter values, prepared for simulation.
@@ -13,6 +16,11 @@ pub(super) struct PreparedMachine<'a> {
     pub(super) springs: Vec<(f64, f64)>,
     /// Effects on bodies and springs, separated by target.
     pub(super) on_body: Vec<(usize, BodyLaw, Vec<f64>)>,
+    timed: Vec<(usize, TimedLaw, Vec<f64>)>,
+    /// On the body of an input: index of the input.
+    loaded: Vec<(usize, LoadedLaw, Vec<f64>)>,
+    /// Each has one inner state, in this order.
+    with_state: Vec<(usize, StateLaw, Vec<f64>)>,
     pub(super) on_spring: Vec<Vec<SpringEffect>>,
     pub(super) motion: Vec<(usize, MotionLaw, Vec<f64>)>,
     pub(super) chain_torque: Vec<(ChainTorqueLaw, Vec<f64>)>,
@@ -37,6 +45,9 @@ pub(super) struct ActingForces {
     pub(super) slopes: Vec<(usize, f64)>,
 }
 
+/// A force on a body as a function of its motion.
+type LawOfSpeed<'a> = Box<dyn Fn(BodyAt) -> f64 + 'a>;
+
 /// A speed may change within a sample by so many times what its acceleration at the beginning says.
 const MARGIN: f64 = 2.0;
 /// Shares of a decay time and of a wave that one step may cross: Runge-Kutta then errs by 3e-9 and 8e-9.
@@ -52,6 +63,9 @@ impl<'a> PreparedMachine<'a> {
             inertia: m.bodies.iter().map(|b| inertia(b, values)).collect(),
             springs: m.springs.iter().map(|s| m.spring_numbers(values, s)).collect(),
             on_body: Vec::new(),
+            timed: Vec::new(),
+            loaded: Vec::new(),
+            with_state: Vec::new(),
             on_spring: m.springs.iter().map(|_| Vec::new()).collect(),
             motion: Vec::new(),
             chain_torque: Vec::new(),
@@ -67,6 +81,9 @@ impl<'a> PreparedMachine<'a> {
         for p in &m.placed {
             match (p.effect.physics, p.target) {
                 (Physics::BodyForce(law), Target::Body(b)) => ready.on_body.push((b, law, of(p))),
+                (Physics::TimedForce(law), Target::Body(b)) => ready.timed.push((b, law, of(p))),
+                (Physics::StateForce(law), Target::Body(b)) => ready.with_state.push((b, law, of(p))),
+                (Physics::LoadedForce(law), Target::Input(k)) => ready.loaded.push((k, law, of(p))),
                 (Physics::Motion(law), Target::Body(b)) => ready.motion.push((b, law, of(p))),
                 (Physics::SpanForce(law), Target::Spring(s)) => {
                     ready.on_spring[s].push(SpringEffect::Force { law, p: of(p) });
@@ -102,14 +119,42 @@ impl<'a> PreparedMachine<'a> {
         ChainAt { travel: q[leader] * self.leader_teeth / (2.0 * PI), links, from, to }
     }
 
-    /// Forces on all bodies, without inputs.
-    pub(super) fn forces(&self, q: &[f64], v: &[f64], out: &mut ActingForces) {
+    /// Inner states of effects at the start of a record.
+    pub(super) fn states(&self) -> Vec<f64> {
+        self.with_state.iter().map(|(_, law, p)| p[law.start]).collect()
+    }
+
+    pub(super) fn has_states(&self) -> bool {
+        !self.with_state.is_empty()
+    }
+
+    /// Rates of change of the inner states [1/s].
+    pub(super) fn state_rates(&self, z: &[f64], v: &[f64], out: &mut [f64]) {
+        for ((out, z), (body, law, p)) in out.iter_mut().zip(z).zip(&self.with_state) {
+            *out = (law.rate)(p, *z, v[*body]);
+        }
+    }
+
+    /// Force that an input exerts on its body, with what its effects take of it.
+    pub(super) fn input_force(&self, input: usize, force: f64, at: BodyAt) -> f64 {
+        let own = self.loaded.iter().filter(|(k, _, _)| *k == input);
+        force + own.map(|(_, law, p)| law(p, at, force)).sum::<f64>()
+    }
+
+    /// Forces on all bodies, without inputs, at a time since the start of the record and with the inner states `z`.
+    pub(super) fn forces(&self, (q, v, z): (&[f64], &[f64], &[f64]), t_s: f64, out: &mut ActingForces) {
         out.force.clear();
         out.force.resize(q.len(), 0.0);
         out.tension.clear();
         let force = &mut out.force;
         for (body, law, p) in &self.on_body {
             force[*body] += law(p, BodyAt { q: q[*body], v: v[*body] });
+        }
+        for (body, law, p) in &self.timed {
+            force[*body] += law(p, BodyAt { q: q[*body], v: v[*body] }, t_s);
+        }
+        for ((body, law, p), z) in self.with_state.iter().zip(z) {
+            force[*body] += (law.force)(p, *z);
         }
         for (s, spring) in self.m.springs.iter().enumerate() {
             let (mut stretch, mut rate) = (0.0, 0.0);
@@ -188,27 +233,34 @@ impl<'a> PreparedMachine<'a> {
         highest
     }
 
+    /// Forces on bodies that depend on their own motion alone, at a time.
+    fn laws_of_speed(&self, t_s: f64) -> impl Iterator<Item = (usize, LawOfSpeed<'_>)> {
+        let plain = self.on_body.iter().map(|(b, law, p)| (*b, Box::new(move |at: BodyAt| law(p, at)) as LawOfSpeed));
+        let timed =
+            self.timed.iter().map(move |(b, law, p)| (*b, Box::new(move |at: BodyAt| law(p, at, t_s)) as LawOfSpeed));
+        plain.chain(timed)
+    }
+
     /// Steps that the coming sample of a machine without springs needs, by the friction at the speeds that may come in it and by waves of
     /// the highest order. So many that more would change no digit that a difference quotient of a fit sees.
     pub(super) fn steps_of_sample(
         &self,
-        q: &[f64],
-        v: &[f64],
-        step_s: f64,
+        (q, v, z): (&[f64], &[f64], &[f64]),
+        (t_s, step_s): (f64, f64),
         input: &[f64],
         acting: &mut ActingForces,
     ) -> f64 {
-        self.forces(q, v, acting);
+        self.forces((q, v, z), t_s, acting);
         let reach: Vec<f64> =
             (0..v.len()).map(|i| MARGIN * step_s * ((acting.force[i] + input[i]) / self.inertia[i]).abs()).collect();
         let highest: Vec<f64> = v.iter().zip(&reach).map(|(v, reach)| v.abs() + reach).collect();
         let mut rate = vec![0.0_f64; v.len()];
-        for (body, law, p) in &self.on_body {
-            let near = (v[*body].abs() - reach[*body]).max(0.0) * v[*body].signum();
-            let d = 1e-6 * highest[*body].max(1e-9);
-            let at = |v: f64| law(p, BodyAt { q: q[*body], v });
+        for (body, law) in self.laws_of_speed(t_s) {
+            let near = (v[body].abs() - reach[body]).max(0.0) * v[body].signum();
+            let d = 1e-6 * highest[body].max(1e-9);
+            let at = |v: f64| law(BodyAt { q: q[body], v });
             let slope = |v: f64| (at(v + d) - at(v - d)).abs() / (2.0 * d);
-            rate[*body] += slope(near).max(slope(v[*body])).max(slope(highest[*body])) / self.inertia[*body];
+            rate[body] += slope(near).max(slope(v[body])).max(slope(highest[body])) / self.inertia[body];
         }
         let fastest = highest.iter().copied().fold(0.0, f64::max);
         let waves = self.highest_order().map_or(0.0, |order| order * fastest / (2.0 * PI));
@@ -217,7 +269,8 @@ impl<'a> PreparedMachine<'a> {
     }
 
     /// Highest angular frequency, and highest slope of a force over speed divided by inertia [rad/s, 1/s].
-    pub(super) fn rates(&self, speed: &[f64], turns: bool) -> (f64, f64) {
+    /// `load` is the largest force of each input.
+    pub(super) fn rates(&self, speed: &[f64], load: &[f64], turns: bool) -> (f64, f64) {
         let mut omega2 = vec![0.0_f64; self.m.bodies.len()];
         let mut rate = vec![0.0_f64; self.m.bodies.len()];
         for (s, spring) in self.m.springs.iter().enumerate() {
@@ -235,15 +288,24 @@ impl<'a> PreparedMachine<'a> {
                 rate[e.body] += g2 * c / self.inertia[e.body];
             }
         }
-        for (body, law, p) in &self.on_body {
-            let top = speed[*body].abs().max(1e-9);
+        for (body, law, p) in &self.with_state {
+            // The state is followed as a wave is, so that its course is exact and not only stable.
+            let follows = (law.fastest)(p, speed[*body]);
+            omega2[*body] += (law.stiffness)(p) / self.inertia[*body] + follows * follows;
+        }
+        let loaded = self.loaded.iter().map(|(k, law, p)| {
+            let load = load.get(*k).copied().unwrap_or(0.0);
+            (self.m.inputs[*k].body, Box::new(move |at: BodyAt| law(p, at, load)) as LawOfSpeed)
+        });
+        for (body, law) in self.laws_of_speed(0.0).chain(loaded) {
+            let top = speed[body].abs().max(1e-9);
             let d = 1e-6 * top;
             let slope =
-                |v: f64| (law(p, BodyAt { q: 0.0, v: v + d }) - law(p, BodyAt { q: 0.0, v: v - d })).abs() / (2.0 * d);
+                |v: f64| (law(BodyAt { q: 0.0, v: v + d }) - law(BodyAt { q: 0.0, v: v - d })).abs() / (2.0 * d);
             // A body that turns past marks never comes to rest.
             let least = if turns { 0.3 * top } else { 0.0 };
-            rate[*body] +=
-                [least, 0.5 * (least + top), top].map(slope).into_iter().fold(0.0, f64::max) / self.inertia[*body];
+            rate[body] +=
+                [least, 0.5 * (least + top), top].map(slope).into_iter().fold(0.0, f64::max) / self.inertia[body];
         }
         let free = |i: usize| self.m.bodies[i].motion == BodyMotion::Free;
         let most = |of: &[f64]| (0..of.len()).filter(|i| free(*i)).map(|i| of[i]).fold(0.0, f64::max);

@@ -10,7 +10,7 @@ use std::f64::consts::PI;
 /// Runs the machine and counts pulses. Values are the natural logarithms of the intervals.
 pub(super) fn pulses(
     ready: &PreparedMachine,
-    start: &InitialState,
+    (start, start_s): (&InitialState, f64),
     (intervals, first): (usize, usize),
     (interval_s, longest_s): (f64, f64),
     channels: &[usize],
@@ -28,6 +28,9 @@ pub(super) fn pulses(
         .filter_map(|p| match p.effect.physics {
             Physics::Marks(law) => Some((law, p.slots.iter().map(|s| ready.values[*s]).collect())),
             Physics::BodyForce(_)
+            | Physics::TimedForce(_)
+            | Physics::LoadedForce(_)
+            | Physics::StateForce(_)
             | Physics::SpanLength(_)
             | Physics::ChainLength(_)
             | Physics::ChainTorque(_)
@@ -57,7 +60,8 @@ pub(super) fn pulses(
     }
     let (mut q, mut v) = (start.q.clone(), start.v.clone());
     q[body] = place(0).0;
-    let mut work = Rk4Buffers::new(m);
+    let mut z = ready.states();
+    let mut work = Rk4Buffers::new(m, z.len());
     let mut out = Vec::with_capacity(intervals);
     let clock = 1.0 + clock(ready.m, ready.values);
     let (mut t, mut k) = (0.0_f64, 1);
@@ -74,7 +78,7 @@ pub(super) fn pulses(
     let patience = 4.0 * longest_s.max(interval_s) + 2.0 * h;
     while out.len() < intervals {
         let (qa, va) = (q[body], v[body]);
-        rk4(ready, &mut q, &mut v, h, &mut work, &mut nothing);
+        rk4(ready, (&mut q, &mut v, &mut z), (start_s + t, h), &mut work, &mut nothing);
         let (qb, vb) = (q[body], v[body]);
         if !(qb.is_finite() && vb.is_finite()) {
             return Err(RunError::Diverged { t_s: t });
@@ -137,6 +141,6 @@ pub(super) fn step_s(ready: &PreparedMachine, start: &InitialState, interval_s: 
         Some(order) => turn_s / (10.0 * order),
         None => turn_s,
     };
-    let (omega, rate) = ready.rates(&start.v, true);
+    let (omega, rate) = ready.rates(&start.v, &[], true);
     coarse.min(0.2 / omega.max(1e-300)).min(0.1 / rate.max(1e-300))
 }

@@ -5,8 +5,8 @@
 
 use super::forces::{ActingForces, PreparedMachine};
 use super::pulses::{self, pulses};
-use super::{BodyMotion, InputKind, Machine, Reads, Target};
-use crate::effects::{Physics, Trace};
+use super::{BodyMotion, Input, InputKind, Machine, Reads, Target};
+use crate::effects::{BodyAt, Physics, Trace};
 use std::f64::consts::PI;
 
 /// Requested output of a run.
@@ -26,6 +26,8 @@ pub struct Task {
     pub inputs: Vec<Vec<f64>>,
     /// Inputs stay constant until the next value; otherwise they are interpolated linearly.
     pub hold: bool,
+    /// Time since the start of the record at the first sample [s].
+    pub start_s: f64,
 }
 
 /// Why a run stopped.
@@ -87,7 +89,7 @@ pub fn run(
     let ready = PreparedMachine::new(m, values, max_steps);
     match &task.samples {
         Samples::Pulses { intervals, first, interval_s, longest_s } => {
-            pulses(&ready, start, (*intervals, *first), (*interval_s, *longest_s), channels)
+            pulses(&ready, (start, task.start_s), (*intervals, *first), (*interval_s, *longest_s), channels)
         }
         Samples::Times { t_s, step_s, even } => sampled(&ready, task, start, (t_s, *step_s, *even), channels),
     }
@@ -97,7 +99,7 @@ pub fn run(
 pub fn steps_needed(m: &Machine, values: &[f64], task: &Task, start: &InitialState) -> f64 {
     let ready = PreparedMachine::new(m, values, MAX_STEPS);
     match &task.samples {
-        Samples::Times { step_s, .. } => steps(&ready, *step_s, &top_speeds(m, task, start)),
+        Samples::Times { step_s, .. } => steps(&ready, *step_s, &top_speeds(m, task, start), &top_loads(&ready, task)),
         Samples::Pulses { interval_s, .. } => {
             let marks = m.sensors.iter().find_map(|s| match s.reads {
                 Reads::Pulses { marks, .. } => Some(marks),
@@ -122,9 +124,18 @@ fn top_speeds(m: &Machine, task: &Task, start: &InitialState) -> Vec<f64> {
     top
 }
 
+/// Largest force of each input [N, N m].
+fn top_loads(ready: &PreparedMachine, task: &Task) -> Vec<f64> {
+    let of = |(input, series): (&Input, &Vec<f64>)| match input.kind {
+        InputKind::Force(gain) => series.iter().fold(0.0_f64, |most, u| most.max((ready.values[gain] * u).abs())),
+        InputKind::Speed | InputKind::Angle => 0.0,
+    };
+    ready.m.inputs.iter().zip(&task.inputs).map(of).collect()
+}
+
 /// Steps per sample: 30 for the fastest oscillation, a stable number for friction, ten for a wave of the highest order.
-fn steps(ready: &PreparedMachine, step_s: f64, top: &[f64]) -> f64 {
-    let (omega, rate) = ready.rates(top, false);
+fn steps(ready: &PreparedMachine, step_s: f64, top: &[f64], loads: &[f64]) -> f64 {
+    let (omega, rate) = ready.rates(top, loads, false);
     let fastest = top.iter().copied().fold(0.0, f64::max);
     let waves = ready.highest_order().map_or(0.0, |order| order * fastest / (2.0 * PI));
     (step_s * omega / 0.2).max(step_s * rate / 2.0).max(10.0 * step_s * waves).max(1.0)
@@ -134,17 +145,26 @@ fn steps(ready: &PreparedMachine, step_s: f64, top: &[f64]) -> f64 {
 pub(super) type Stage<'a> = &'a mut dyn FnMut(f64, &[f64], &mut [f64], &mut [f64]);
 
 /// One step of the classical scheme; `at` gives input forces and prescribed speeds at a stage (0, 1/2, 1).
-pub(super) fn rk4(ready: &PreparedMachine, q: &mut [f64], v: &mut [f64], h: f64, work: &mut Rk4Buffers, at: Stage) {
+pub(super) fn rk4(
+    ready: &PreparedMachine,
+    (q, v, z): (&mut [f64], &mut [f64], &mut [f64]),
+    (t_s, h): (f64, f64),
+    work: &mut Rk4Buffers,
+    at: Stage,
+) {
     let n = q.len();
     let free = &work.free;
     work.q.copy_from_slice(q);
     work.v.copy_from_slice(v);
+    work.z.copy_from_slice(z);
+    work.dz.fill(0.0);
     work.dq.fill(0.0);
     work.dv.fill(0.0);
     for (stage, (from, weight)) in [(0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)].into_iter().enumerate() {
         work.input.fill(0.0);
         at(from, &work.q, &mut work.v, &mut work.input);
-        ready.forces(&work.q, &work.v, &mut work.acting);
+        ready.forces((&work.q, &work.v, &work.z), t_s + from * h, &mut work.acting);
+        ready.state_rates(&work.z, &work.v, &mut work.z_rate);
         if stage == 0 {
             work.at_node.clear();
             work.at_node.extend_from_slice(&work.acting.force);
@@ -154,6 +174,10 @@ pub(super) fn rk4(ready: &PreparedMachine, q: &mut [f64], v: &mut [f64], h: f64,
             work.v_at_node.copy_from_slice(&work.v);
         }
         let next = [0.5, 0.5, 1.0, 0.0][stage];
+        for i in 0..z.len() {
+            work.dz[i] += weight * work.z_rate[i];
+            work.z[i] = z[i] + next * h * work.z_rate[i];
+        }
         for i in 0..n {
             let a = if free[i] { (work.acting.force[i] + work.input[i]) / ready.inertia[i] } else { 0.0 };
             let speed = work.v[i];
@@ -164,6 +188,9 @@ pub(super) fn rk4(ready: &PreparedMachine, q: &mut [f64], v: &mut [f64], h: f64,
                 work.v[i] = v[i] + next * h * a;
             }
         }
+    }
+    for (z, d) in z.iter_mut().zip(&work.dz) {
+        *z += h / 6.0 * d;
     }
     for i in 0..n {
         q[i] += h / 6.0 * work.dq[i];
@@ -179,6 +206,10 @@ pub(super) struct Rk4Buffers {
     v: Vec<f64>,
     dq: Vec<f64>,
     dv: Vec<f64>,
+    /// Inner states, their rates, and the sum of those over the stages.
+    z: Vec<f64>,
+    z_rate: Vec<f64>,
+    dz: Vec<f64>,
     input: Vec<f64>,
     acting: ActingForces,
     /// At the start of the step: force on each body, tension of each spring, speed.
@@ -188,15 +219,19 @@ pub(super) struct Rk4Buffers {
 }
 
 impl Rk4Buffers {
-    pub(super) fn new(m: &Machine) -> Rk4Buffers {
+    pub(super) fn new(m: &Machine, states: usize) -> Rk4Buffers {
         let n = m.bodies.len();
         let zero = || vec![0.0; n];
+        let no_states = || vec![0.0; states];
         Rk4Buffers {
             free: m.bodies.iter().map(|b| b.motion == BodyMotion::Free).collect(),
             q: zero(),
             v: zero(),
             dq: zero(),
             dv: zero(),
+            z: no_states(),
+            z_rate: no_states(),
+            dz: no_states(),
             input: zero(),
             acting: ActingForces::default(),
             at_node: zero(),
@@ -216,8 +251,9 @@ fn is_sparse(ready: &PreparedMachine, even: bool, channels: &[usize], wanted: f6
     };
     let on_input = m.placed.iter().any(|p| matches!(p.target, Target::Input(_)));
     let moves = m.inputs.iter().any(|i| !matches!(i.kind, InputKind::Force(_)));
-    // With springs, the number of steps would change results in digits that the fit sees.
-    if wanted < LEAST_SPARSE || !m.springs.is_empty() || !even || on_input || moves || clock(m, ready.values) != 0.0 {
+    // With springs and bristles, the number of steps would change results in digits that the fit sees.
+    let has_waves = !m.springs.is_empty() || ready.has_states();
+    if wanted < LEAST_SPARSE || has_waves || !even || on_input || moves || clock(m, ready.values) != 0.0 {
         return false;
     }
     !channels.iter().any(looks_between)
@@ -235,7 +271,7 @@ fn sampled(
     channels: &[usize],
 ) -> Result<Vec<Vec<f64>>, RunError> {
     let m = ready.m;
-    let wanted = libm::ceil(steps(ready, step_s, &top_speeds(m, task, start)));
+    let wanted = libm::ceil(steps(ready, step_s, &top_speeds(m, task, start), &top_loads(ready, task)));
     if !(wanted.is_finite() && wanted <= ready.max_steps) {
         return Err(RunError::Stiff { steps: wanted });
     }
@@ -254,8 +290,8 @@ fn sampled(
         .zip(&inputs)
         .map(|(i, u)| if i.kind == InputKind::Angle { derivative(u, h) } else { Vec::new() })
         .collect();
-    let (mut q, mut v) = (start.q.clone(), start.v.clone());
-    let mut work = Rk4Buffers::new(m);
+    let (mut q, mut v, mut z) = (start.q.clone(), start.v.clone(), ready.states());
+    let mut work = Rk4Buffers::new(m, z.len());
     let mut traces: Vec<Vec<f64>> = channels.iter().map(|_| Vec::with_capacity(n_steps + 1)).collect();
     let mut angles: Vec<Vec<f64>> = channels.iter().map(|_| Vec::with_capacity(n_steps + 1)).collect();
     let mut speeds: Vec<Vec<f64>> = channels.iter().map(|_| Vec::new()).collect();
@@ -266,26 +302,28 @@ fn sampled(
         if step % stride.get() != 0 {
             continue;
         }
+        let t = task.start_s + step as f64 * h;
         let q_before = q.clone();
         let at_step = step.min(n_steps.saturating_sub(1));
         let late = if step == n_steps && n_steps > 0 { 1.0 } else { 0.0 };
         let mut at = |stage: f64, q: &[f64], v: &mut [f64], force: &mut [f64]| {
             let x = stage + late;
-            for (k, input) in m.inputs.iter().enumerate() {
-                let series = if input.kind == InputKind::Angle { &slopes[k] } else { &inputs[k] };
+            let input_at = |k: usize| {
+                let series = if m.inputs[k].kind == InputKind::Angle { &slopes[k] } else { &inputs[k] };
                 let last = series.len().saturating_sub(1);
                 let a = series.get(at_step.min(last)).copied().unwrap_or(0.0);
                 let b = series.get((at_step + stride.get()).min(last)).copied().unwrap_or(a);
-                let u = if smooth[k] {
+                if smooth[k] {
                     a + (b - a) * x
                 } else if x > 1.0 {
                     b
                 } else {
                     a
-                };
-                match input.kind {
-                    InputKind::Force(gain) => force[input.body] += ready.values[gain] * u,
-                    InputKind::Speed | InputKind::Angle => v[input.body] = u,
+                }
+            };
+            for (k, input) in m.inputs.iter().enumerate() {
+                if let InputKind::Speed | InputKind::Angle = input.kind {
+                    v[input.body] = input_at(k);
                 }
             }
             for (i, body) in m.bodies.iter().enumerate() {
@@ -296,15 +334,21 @@ fn sampled(
             for (body, law, p) in &ready.motion {
                 v[*body] *= 1.0 + law(p, q[*body]);
             }
+            for (k, input) in m.inputs.iter().enumerate() {
+                if let InputKind::Force(gain) = input.kind {
+                    let at = BodyAt { q: q[input.body], v: v[input.body] };
+                    force[input.body] += ready.input_force(k, ready.values[gain] * input_at(k), at);
+                }
+            }
         };
         if sparse && is_sample && step < n_steps {
             stride.set(1);
             work.input.fill(0.0);
             at(0.0, &q, &mut v, &mut work.input);
-            let needed = ready.steps_of_sample(&q, &v, step_s, &work.input, &mut work.acting);
+            let needed = ready.steps_of_sample((&q, &v, &z), (t, step_s), &work.input, &mut work.acting);
             stride.set(parts / (libm::ceil(needed) as usize).next_power_of_two().clamp(1, parts));
         }
-        rk4(ready, &mut q, &mut v, h * stride.get() as f64, &mut work, &mut at);
+        rk4(ready, (&mut q, &mut v, &mut z), (t, h * stride.get() as f64), &mut work, &mut at);
         if sparse && !is_sample {
             continue;
         }

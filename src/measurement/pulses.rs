@@ -188,12 +188,12 @@ pub(super) fn pulse_segments(
                 },
                 inputs: Vec::new(),
                 hold: false,
+                start_s: *start_s,
             },
             measured: vec![part.to_vec()],
             judge_from,
             start,
             at_rest: false,
-            start_s: *start_s,
         });
     }
 }

@@ -29,8 +29,6 @@ pub struct RecordSegment {
     pub start: InitialState,
     /// Whether it starts at rest at zero, so that the initial state is not fitted.
     pub at_rest: bool,
-    /// Start of the segment in its record [s].
-    pub start_s: f64,
 }
 
 impl RecordSegment {
@@ -454,12 +452,11 @@ fn sampled_segment(
     data.clocks.push(clock);
     data.segments.push(RecordSegment {
         record: index,
-        task: Task { samples: Samples::Times { t_s, step_s, even }, inputs, hold },
+        task: Task { samples: Samples::Times { t_s, step_s, even }, inputs, hold, start_s: 0.0 },
         measured,
         judge_from,
         start,
         at_rest: record.at_rest,
-        start_s: 0.0,
     });
 }
 
