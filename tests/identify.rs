@@ -1,6 +1,9 @@
 //! Identification: measured machines, planted effects, effects that records cannot distinguish, and errors in files.
 
-use pitchline::identify::identify;
+#[path = "common/identified.rs"]
+mod identified;
+
+use identified::{ALL, identified, paths};
 use pitchline::identify::report::{IdentificationReport, IdentificationVerdict};
 use pitchline::identify::search::{Budget, Context, declared};
 use pitchline::machine::Machine;
@@ -10,24 +13,6 @@ use pitchline::measurement::segments::load;
 use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64};
-
-/// Reads a measurement file and everything it names, and identifies.
-fn identified(path: &Path, threads: usize, budget: Budget) -> Result<IdentificationReport, String> {
-    let text = std::fs::read_to_string(path).map_err(|e| e.to_string())?;
-    let measurement = Measurement::parse(&path.display().to_string(), &text).map_err(|r| r.to_string())?;
-    let folder = path.parent().map_or_else(PathBuf::new, PathBuf::from);
-    let drive = std::fs::read_to_string(folder.join(&measurement.drive)).map_err(|e| e.to_string())?;
-    let machine = Machine::parse(&measurement.drive, &drive, &[]).map_err(|r| r.to_string())?;
-    let data =
-        load(&measurement, &machine, &folder, &mut Memory::for_program(1_000_000_000)).map_err(|e| e.to_string())?;
-    let (stop, runs) = (AtomicBool::new(false), AtomicU64::new(0));
-    let quiet = |_: &str, _: u64| {};
-    let context =
-        Context { threads, budget, started: std::time::Instant::now(), stop: &stop, progress: &quiet, runs: &runs };
-    identify(&measurement, &machine, &data, &context).map_err(|e| e.to_string())
-}
-
-const ALL: Budget = Budget { runs: None, seconds: None };
 
 /// A bundled measurement next to its data, or None if the data are not available.
 fn measured(name: &str, data: &[&str]) -> Option<(tempfile::TempDir, PathBuf)> {
@@ -47,10 +32,6 @@ fn measured(name: &str, data: &[&str]) -> Option<(tempfile::TempDir, PathBuf)> {
     }
     let path = folder.path().join(format!("{name}.toml"));
     Some((folder, path))
-}
-
-fn paths(r: &IdentificationReport) -> Vec<&str> {
-    r.effects.iter().map(|e| e.path.as_str()).collect()
 }
 
 /// Uneven marks of a pulse pickup, and not runout of a shaft: published as a cyclic error of this machine's magnets.

@@ -1,7 +1,7 @@
 //! The lumped model and the catalogue of effects: closed forms, order of convergence, and the same rules for every row.
 
 use pitchline::effects::{EFFECTS, Effect, Kind, On, Physics, named};
-use pitchline::machine::simulate::{InitialState, MAX_STEPS, Samples, Task, run};
+use pitchline::machine::simulate::{InitialState, MAX_STEPS, Observed, Samples, Task, run};
 use pitchline::machine::{Machine, Reads};
 
 fn machine(text: &str) -> Machine {
@@ -81,7 +81,7 @@ fn start(m: &Machine) -> InitialState {
 
 fn channels(m: &Machine, values: &[f64]) -> Vec<Vec<f64>> {
     let all: Vec<usize> = (0..5).collect();
-    match run(m, values, &task(), &start(m), &all, MAX_STEPS) {
+    match run(m, values, &task(), &start(m), &all, MAX_STEPS, None) {
         Ok(series) => series,
         Err(e) => panic!("{e}"),
     }
@@ -204,7 +204,7 @@ fn dissipative_rows_take_energy_and_never_give_any() {
     };
     let start = InitialState { q: vec![0.0, 0.05], v: vec![8.0, 5.0], travel: 0.0 };
     let energy = |m: &Machine| -> Vec<f64> {
-        let s = run(m, &m.values, &task, &start, &[0, 1, 2], MAX_STEPS).expect("the run holds");
+        let s = run(m, &m.values, &task, &start, &[0, 1, 2], MAX_STEPS, None).expect("the run holds");
         (0..2000)
             .map(|i| 0.25 * s[0][i] * s[0][i] + 0.15 * s[1][i] * s[1][i] + 0.5 * s[2][i] * s[2][i] / 20000.0)
             .collect()
@@ -224,7 +224,7 @@ fn dissipative_rows_take_energy_and_never_give_any() {
         let (with, _) = m.with_effect(e, &name, target, &numbers);
         // Damping forces of a span store no energy: only the tension of the declared spring does.
         let series = if matches!(e.physics, Physics::SpanForce(_)) {
-            let s = run(&with, &with.values, &task, &start, &[0, 1], MAX_STEPS).expect("the run holds");
+            let s = run(&with, &with.values, &task, &start, &[0, 1], MAX_STEPS, None).expect("the run holds");
             (0..2000).map(|i| 0.25 * s[0][i] * s[0][i] + 0.15 * s[1][i] * s[1][i]).collect::<Vec<f64>>()
         } else {
             energy(&with)
@@ -256,7 +256,7 @@ fn a_flywheel_in_air_runs_down_as_the_closed_form_says() {
         start_s: 0.0,
     };
     let start = InitialState { q: vec![0.0], v: vec![100.0], travel: 0.0 };
-    let ln_dt = &run(&m, &m.values, &task, &start, &[0], MAX_STEPS).expect("the run holds")[0];
+    let ln_dt = &run(&m, &m.values, &task, &start, &[0], MAX_STEPS, None).expect("the run holds")[0];
     let (rate, gap) = (0.0002 / 0.1, std::f64::consts::PI / 3.0);
     let first = (1.0 / (rate * 100.0)) * (rate * gap).exp_m1();
     for (i, v) in ln_dt.iter().enumerate() {
@@ -278,7 +278,7 @@ fn dry_friction_stops_at_a_constant_rate() {
         start_s: 0.0,
     };
     let start = InitialState { q: vec![0.5], v: vec![1.0], travel: 0.0 };
-    let s = run(&m, &m.values, &task, &start, &[0, 1], MAX_STEPS).expect("the run holds");
+    let s = run(&m, &m.values, &task, &start, &[0, 1], MAX_STEPS, None).expect("the run holds");
     // Sensors are in the order of the kinds: displacement first.
     let (position, speed) = if matches!(m.sensors[0].reads, Reads::Angle(_)) { (&s[0], &s[1]) } else { (&s[1], &s[0]) };
     for i in 0..200 {
@@ -304,7 +304,7 @@ fn a_lag_of_a_held_input_gives_its_impulse_however_short_it_is() {
         let samples = Samples::Times { t_s: t_s.clone(), step_s, even: true };
         let task = Task { samples, inputs: vec![input.clone()], hold: true, start_s: 0.0 };
         let start = InitialState { q: vec![0.0], v: vec![0.0], travel: 0.0 };
-        let speeds = &run(&m, &m.values, &task, &start, &[0], MAX_STEPS).expect("the run holds")[0];
+        let speeds = &run(&m, &m.values, &task, &start, &[0], MAX_STEPS, None).expect("the run holds")[0];
         let (mut y, mut impulse) = (0.0, 0.0);
         for (i, v) in speeds.iter().enumerate() {
             assert!((v - impulse / 0.01).abs() < 1e-9, "{time_s} s, sample {i}: {v} against {}", impulse / 0.01);
@@ -329,7 +329,7 @@ fn a_free_oscillator_converges_with_the_fourth_order() {
             start_s: 0.0,
         };
         let start = InitialState { q: vec![0.01], v: vec![0.0], travel: 0.0 };
-        let s = run(&m, &m.values, &task, &start, &[0], MAX_STEPS).expect("the run holds");
+        let s = run(&m, &m.values, &task, &start, &[0], MAX_STEPS, None).expect("the run holds");
         (s[0][n] - 0.01 * 20.0_f64.cos()).abs()
     };
     let (coarse, fine) = (error(0.004), error(0.002));
@@ -356,7 +356,7 @@ fn filters_and_delays_do_to_a_ramp_what_they_should() {
         // An effect with a lag has a start parameter besides its time.
         let values = [value, 0.0];
         let (with, _) = m.with_effect(e, &place, target, &values[..e.parameters.len()]);
-        run(&with, &with.values, &task, &start, &[0], MAX_STEPS).expect("the run holds").remove(0)
+        run(&with, &with.values, &task, &start, &[0], MAX_STEPS, None).expect("the run holds").remove(0)
     };
     let (lagging, late) = (show("low_pass", 0.02), show("latency", 0.0125));
     let ringing = show("sensor_resonance", 0.03);
@@ -378,7 +378,8 @@ fn filters_and_delays_do_to_a_ramp_what_they_should() {
         let (place, target) = m.targets(e).into_iter().next().expect("a sensor");
         for beyond in [0.0, 0.7] {
             let (with, _) = m.with_effect(e, &place, target, &[late_s, beyond]);
-            let shown = run(&with, &with.values, &task, &start, &[0], MAX_STEPS).expect("the run holds").remove(0);
+            let shown =
+                run(&with, &with.values, &task, &start, &[0], MAX_STEPS, None).expect("the run holds").remove(0);
             for (i, shown) in shown.iter().enumerate() {
                 let t = i as f64 * 1e-3;
                 // An additional initial offset decays, or ends after the delay.
@@ -409,7 +410,7 @@ fn uneven_marks_move_intervals_by_their_own_share_at_every_speed() {
             start_s: 0.0,
         };
         let start = InitialState { q: vec![0.0], v: vec![speed], travel: 0.0 };
-        let s = run(&with, &with.values, &task, &start, &[0], MAX_STEPS).expect("the run holds");
+        let s = run(&with, &with.values, &task, &start, &[0], MAX_STEPS, None).expect("the run holds");
         // s_m+1 - s_m with s = 0, 0.01, 0, -0.02
         let shares = [1.01, 0.99, 0.98, 1.02, 1.01, 0.99, 0.98, 1.02];
         for (v, share) in s[0].iter().zip(shares) {
@@ -452,7 +453,7 @@ fn dry_friction_stops_a_disc_when_its_closed_form_says() {
     let start = InitialState { q: vec![0.0], v: vec![10.0], travel: 0.0 };
     let by = |reads| m.sensors.iter().position(|s| s.reads == reads).expect("a sensor");
     let channels = [by(Reads::Speed(0)), by(Reads::Angle(0))];
-    let out = run(&m, &m.values, &task, &start, &channels, 1e5).expect("a run");
+    let out = run(&m, &m.values, &task, &start, &channels, 1e5, None).expect("a run");
     for (i, t) in t_s.iter().enumerate() {
         let stops = 10.0 * 0.05 / 0.4;
         let (t, slope) = (t.min(stops), 0.4 / 0.05);
@@ -484,7 +485,7 @@ fn motion(m: &Machine, torque: Vec<f64>, v: f64, start_s: f64) -> (Vec<f64>, Vec
     let start = InitialState { q: vec![0.0], v: vec![v], travel: 0.0 };
     let by = |reads| m.sensors.iter().position(|s| s.reads == reads).expect("a sensor");
     let channels = [by(Reads::Speed(0)), by(Reads::Angle(0))];
-    let mut out = run(m, &m.values, &task, &start, &channels, 1e4).expect("a run");
+    let mut out = run(m, &m.values, &task, &start, &channels, 1e4, None).expect("a run");
     let angle = out.pop().expect("an angle");
     (out.pop().expect("a speed"), angle)
 }
@@ -543,4 +544,46 @@ fn a_share_of_the_drive_is_lost_or_given_by_its_sign() {
             assert!((v - exact).abs() < 1e-9, "{table}{i}: {v} {exact}");
         }
     }
+}
+
+/// A free disc that turns at 5 rad/s, started at 6: each sample takes a share off the difference, so that predictions are off by (1 - share)^i.
+/// An offset and a gain of the tachometer, known to the model, change nothing of it.
+#[test]
+fn a_prediction_forgets_a_wrong_start_at_its_rate() {
+    let rows = [
+        ("", 1.0, 0.0),
+        ("[effects.offset.disc]\noffset = 3.0\n", 1.0, 3.0),
+        ("[effects.gain_error.disc]\ngain_percent = 25.0\n", 1.25, 0.0),
+    ];
+    for (table, gain, offset) in rows {
+        let m = disc(table);
+        let sensor = m.sensors.iter().position(|s| s.reads == Reads::Speed(0)).expect("a tachometer");
+        let t_s = (0..50).map(|i| f64::from(i) * 1e-3).collect();
+        let samples = Samples::Times { t_s, step_s: 1e-3, even: true };
+        let task = Task { samples, inputs: vec![vec![0.0; 50]], hold: true, start_s: 0.0 };
+        let start = InitialState { q: vec![0.0], v: vec![6.0], travel: 0.0 };
+        let observed = Observed { share: 0.1, sensors: &[sensor], measured: &[vec![gain * 5.0 + offset; 50]] };
+        let out = run(&m, &m.values, &task, &start, &[sensor], MAX_STEPS, Some(observed)).expect("a run");
+        for (i, v) in out[0].iter().enumerate() {
+            let exact = gain * (5.0 + 0.9_f64.powi(i as i32)) + offset;
+            // The slope that the sensor lets through is a difference quotient.
+            assert!((v - exact).abs() < 1e-9, "{table}{i}: {v} {exact}");
+        }
+    }
+}
+
+/// An angle that is measured corrects the speed too: a constant speed that the start did not know is found.
+#[test]
+fn a_prediction_from_angles_finds_the_speed() {
+    let m = disc("");
+    let sensor = m.sensors.iter().position(|s| s.reads == Reads::Angle(0)).expect("an encoder");
+    let t_s = (0..400).map(|i| f64::from(i) * 1e-3).collect();
+    let samples = Samples::Times { t_s, step_s: 1e-3, even: true };
+    let task = Task { samples, inputs: vec![vec![0.0; 400]], hold: true, start_s: 0.0 };
+    let start = InitialState { q: vec![0.0], v: vec![0.0], travel: 0.0 };
+    let measured: Vec<f64> = (0..400).map(|i| 5e-3 * f64::from(i)).collect();
+    let observed = Observed { share: 0.1, sensors: &[sensor], measured: &[measured.clone()] };
+    let out = run(&m, &m.values, &task, &start, &[sensor], MAX_STEPS, Some(observed)).expect("a run");
+    let off = |i: usize| (out[0][i] - measured[i]).abs();
+    assert!(off(1) > 4e-3 && off(399) < 1e-9, "{} {}", off(1), off(399));
 }

@@ -12,7 +12,8 @@ use super::drifting::{Course, DriftingNumber};
 use super::fit::parallel;
 use super::judge::{Residuals, deviance, effective as effective_samples, mean_error};
 use super::model::{
-    FIT_ITERATIONS, FittedModel, fit_model, globals_of, placed_path, refitted, score, standard_error, without_effect,
+    FIT_ITERATIONS, FittedModel, fit_model, fitted_values, globals_of, placed_path, refitted, score, standard_error,
+    without_effect,
 };
 use super::plausible::outside_the_records;
 use super::problem::Problem;
@@ -245,8 +246,13 @@ fn narrowed(h: &Hypothesis) -> Hypothesis {
     sharp
 }
 
-/// Decides which of the search results to accept.
-pub fn accept<'a>(searched: SearchResult<'a>, own: &'a Data, context: &Context<'_>) -> AcceptedResult<'a> {
+/// Decides which of the search results to accept. Where these are predictions, `simulated` is the set that the simulation has accepted.
+pub fn accept<'a>(
+    searched: SearchResult<'a>,
+    simulated: Option<&FittedModel<'a>>,
+    own: &'a Data,
+    context: &Context<'_>,
+) -> AcceptedResult<'a> {
     context.report("comparing the found effects with held-out data");
     let SearchResult {
         declared,
@@ -262,6 +268,9 @@ pub fn accept<'a>(searched: SearchResult<'a>, own: &'a Data, context: &Context<'
     } = searched;
     let (mut best, mut evidence) = first_confirmed_set(&declared, &all, &effective, own, context, &mut trials);
     (best, evidence) = with_known_laws(&declared, (best, evidence), &effective, own, context, &mut trials);
+    if let Some(simulated) = simulated {
+        (best, evidence) = with_confirmed_effects(&declared, (best, evidence), simulated, &effective, own, context);
+    }
     if let Some(why) = reason_why_unexplained(&declared, &best, own, context.threads) {
         for e in &best.effects {
             let own = |t: &&mut Trial| t.identity == e.identity() && t.rms_fit.is_some() && t.why.is_empty();
@@ -273,6 +282,54 @@ pub fn accept<'a>(searched: SearchResult<'a>, own: &'a Data, context: &Context<'
         rivals(&declared, &best, &all, (&hypotheses, &alike, is_settled), &effective, own, context, &mut trials);
     record_outcomes(&best, &all, &effective, &mut trials);
     AcceptedResult { declared, best, rivals, trials, reasons, evidence, detectable, alike, cut_short }
+}
+
+/// Adds what a simulation has accepted and a prediction confirms. Over a few samples even a large load moves a prediction by little, so that
+/// it is not worth a name there by its error; but what is left is white, and tells whether the load is there at all.
+fn with_confirmed_effects<'a>(
+    declared: &FittedModel<'a>,
+    (mut best, mut evidence): (FittedModel<'a>, Vec<Evidence>),
+    simulated: &FittedModel<'a>,
+    effective: &[f64],
+    own: &'a Data,
+    context: &Context<'_>,
+) -> (FittedModel<'a>, Vec<Evidence>) {
+    let starts = fitted_values(simulated);
+    let before = best.effects.len();
+    loop {
+        let size = best.effects.len();
+        for (h, start) in simulated.effects.iter().zip(&starts) {
+            if best.effects.iter().any(|e| e.identity() == h.identity()) || context.must_end() {
+                continue;
+            }
+            let all: Vec<usize> = (0..best.effects.len()).collect();
+            let with = refitted(declared, &best, &all, Some((h, start)), own, context.threads, FIT_ITERATIONS);
+            let own_evidence = evidence_for(&with, &best, all.len(), effective, own, context.threads);
+            if is_confirmed(&with, all.len(), &own_evidence) {
+                best = with;
+            }
+        }
+        if best.effects.len() == size {
+            break;
+        }
+    }
+    if best.effects.len() > before {
+        let of = |which: usize| {
+            let less = without_effect(declared, &best, which, own, context.threads);
+            evidence_for(&best, &less, which, effective, own, context.threads)
+        };
+        evidence = (0..best.effects.len()).map(of).collect();
+    }
+    (best, evidence)
+}
+
+/// Whether a prediction confirms an effect: clearly better, in held-out records too, and with a size.
+fn is_confirmed(with: &FittedModel, which: usize, evidence: &Evidence) -> bool {
+    evidence.score >= CLEAR_SCORE_GAP
+        && evidence.judge_ratio[2] < 1.0
+        && size_in_standard_errors(with, which) >= SURE
+        && outside_the_records(with, which).is_none()
+        && at_bound(with, which).is_none()
 }
 
 /// Removes loads for which an unnamed form fits clearly better in their place: the true load follows another law.
@@ -747,7 +804,10 @@ fn rivals<'a>(
             let worse = score(&m, effective) - best_score;
             let Some(h) = m.effects.last() else { continue };
             let same = are_the_same(&m, best);
-            if worse >= CLEAR_SCORE_GAP && !same {
+            // Friction that bends beyond the speeds of the records is the damper that it is held against.
+            let is_degenerate =
+                m.effects.len().checked_sub(1).is_some_and(|last| outside_the_records(&m, last).is_some());
+            if is_degenerate || worse >= CLEAR_SCORE_GAP && !same {
                 continue;
             }
             let ratio = m.residuals().judge_ratio(best.residuals());

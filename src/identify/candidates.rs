@@ -116,6 +116,8 @@ impl Sizes {
         let (mut sample_s, mut length_s) = (f64::MAX, 0.0_f64);
         let channels: Vec<usize> = (0..all.sensors.len()).collect();
         let mut probe = problem.clone();
+        // Its sensors are not those that were measured.
+        probe.correction = 0.0;
         probe.machine = all;
         for (k, s) in data.segments.iter().enumerate() {
             let inertia = |b: usize| m.bodies[b].inertia.map_or(1.0, |slot| m.values[slot]);
@@ -416,6 +418,9 @@ pub fn all(
     found
 }
 
+/// Time constants of a course within a record are at most this share of the longest record.
+const LONGEST_COURSE: f64 = 0.5;
+
 /// Factor by which a shape parameter may change from its start in both directions.
 const FORM_RANGE: f64 = 12.0;
 
@@ -484,6 +489,13 @@ pub fn with_hypothesis<'a>(
     }
     let (machine, slots) = next.machine.with_effect(h.effect, &name, h.target, values);
     next.machine = machine;
+    for ((row, slot), scale) in
+        h.rows.iter().zip(&slots).zip(&h.scales).filter(|((row, _), _)| row.scale == Scale::RecordTime)
+    {
+        // What goes on for longer than a record is no course within it.
+        let own = &mut next.machine.slots[*slot];
+        own.high = own.high.min(LONGEST_COURSE * scale / row.unit).max(own.low);
+    }
     for (i, (row, slot)) in h.rows.iter().zip(&slots).enumerate() {
         let s = &next.machine.slots[*slot];
         let (low, high) = (s.low * s.unit, s.high * s.unit);

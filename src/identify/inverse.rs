@@ -323,6 +323,7 @@ fn problem<'a>(forward: &Problem<'a>, inverse: &'a InverseRecords) -> Problem<'a
         locals,
         fixed: forward.fixed.clone(),
         folded: false,
+        correction: 0.0,
         max_steps: forward.max_steps,
         runs: forward.runs,
         ending: forward.ending,

@@ -26,6 +26,7 @@ pub mod model;
 pub mod moved;
 #[doc(hidden)]
 pub mod plausible;
+pub mod predict;
 #[doc(hidden)]
 pub mod problem;
 pub mod report;
@@ -97,11 +98,11 @@ pub fn identify(
     let searched = search::search(measurement, problem, &own, context);
     let leads = single_effects(&searched);
     let again = searched.is_settled.then(|| searched.declared.clone());
-    let mut found = accept::accept(searched, &own, context);
+    let mut found = accept::accept(searched, None, &own, context);
     if let Some(declared) = again.filter(|_| found.best.effects.is_empty() && !context.must_end()) {
         // What inverse dynamics had settled does not stand.
         let searched = search::search_from(measurement, declared, (Vec::new(), Vec::new()), &own, context);
-        found = accept::accept(searched, &own, context);
+        found = accept::accept(searched, None, &own, context);
     }
     let mut report = report::report(measurement, data, &found);
     if !report.explained && !context.must_end() {
@@ -115,6 +116,25 @@ pub fn identify(
         report.varying = drifting.into_iter().take(drifting::TOLD).map(|d| d.number).collect();
         let proposed = report.varying.first().filter(|_| !is_named).map(drifting::VaryingNumber::experiment);
         report.next_experiment.splice(0..0, proposed);
+    }
+    let (noisy, held_out);
+    if !report.explained
+        && !context.must_end()
+        && let Some(share) = predict::share(&found.best, context)
+    {
+        noisy = predict::records(data, machine, share);
+        held_out = judge::held_out_segments(&noisy);
+        let named = machine.for_noise(noise_of_sensors(machine, data));
+        let predicted = predict::search(measurement, (&named, &noisy, &held_out), &found.best, share, context);
+        let both = predict::compared(&predicted, &found, report.error_after.clone(), share);
+        if predicted.best.effects.is_empty() && !found.best.effects.is_empty() {
+            report.predicted(both);
+        } else {
+            report =
+                IdentificationReport { varying: report.varying, ..report::report(measurement, &noisy, &predicted) };
+            report.predicted(both);
+            found = predicted;
+        }
     }
     let cut_short = found.cut_short || context.must_end();
     if search::is_at_step_limit(&found.best) {

@@ -87,6 +87,15 @@ impl<'a> FittedModel<'a> {
             .all(|times| times < NEAR_FLOOR)
     }
 
+    /// Whether white noise of the known size is all that is left of every channel, so that no further effect can be found.
+    pub fn is_noise_alone(&self) -> bool {
+        let channels = self.problem.data.channels.iter().zip(&self.fit_residuals);
+        self.problem.machine.effort().noise_alone_is_left
+            && channels
+                .into_iter()
+                .all(|(channel, left)| stats::rms(left) <= NOISE_ALONE * channel.noise && stats::white(left))
+    }
+
     /// Deviance on the fitted data, with priors. It compares fits of the same parameters, because their costs are not
     /// comparable: every fit weights channels by their own residuals.
     pub fn misfit(&self) -> f64 {
@@ -104,6 +113,9 @@ impl<'a> FittedModel<'a> {
 
 /// Up to this multiple of the noise a model counts as near the floor.
 const NEAR_FLOOR: f64 = 1.5;
+
+/// Up to this multiple of the noise white residuals are noise alone: the noise is known to a few percent.
+const NOISE_ALONE: f64 = 1.05;
 
 /// Maximum number of times that a fit of a motion with a period restarts from slightly shifted records.
 const MAX_REALIGNMENTS: usize = 3;

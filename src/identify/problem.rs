@@ -6,7 +6,7 @@
 //! parameters, so that the fit eliminates them segment by segment.
 
 use crate::machine::fidelity::{RunRequest, UnrepeatedPart};
-use crate::machine::simulate::{InitialState, RunError, Samples};
+use crate::machine::simulate::{InitialState, Observed, RunError, Samples};
 use crate::machine::{BodyMotion, Machine, Reads, Sensor, Slot};
 use crate::measurement::segments::{Data, RecordSegment};
 use crate::units::within;
@@ -84,6 +84,8 @@ pub struct Problem<'a> {
     pub fixed: Vec<(Option<usize>, usize, f64)>,
     /// Average over all parts of a period that are alike, to find where in the period a record starts.
     pub folded: bool,
+    /// Share of the difference between measured and predicted that the state takes at each sample; 0: a simulation.
+    pub correction: f64,
     /// Steps per sample beyond which a model counts as too stiff.
     pub max_steps: f64,
     /// Model runs so far.
@@ -207,7 +209,10 @@ impl<'a> Problem<'a> {
         let s = &self.data.segments[segment];
         let (values, start) = self.numbers(segment, globals, locals);
         let shorter = (fitting && s.judge_from < s.len() && s.judge_from > 0).then(|| s.fitting_task());
+        let sensors: Vec<usize> = self.data.channels.iter().map(|c| c.sensor).collect();
+        let observed = Observed { share: self.correction, sensors: &sensors, measured: &s.measured };
         self.machine.run(&RunRequest {
+            observed: (self.correction > 0.0).then_some(observed),
             values: &values,
             corners: &self.corners(segment, globals, &values),
             folded: self.folded,

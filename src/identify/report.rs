@@ -7,6 +7,7 @@ use super::drifting::VaryingNumber;
 use super::inverse::InverseDynamics;
 use super::judge::Residuals;
 use super::model::{FittedModel, placed_path, standard_error, standard_errors_off};
+use super::predict::Prediction;
 use super::problem::{Point, Problem};
 use super::search::Trial;
 use super::steady::{self, Size};
@@ -226,6 +227,8 @@ pub struct IdentificationReport {
     pub numbers_after: Vec<FittedNumber>,
     /// Numbers by inverse dynamics, beside those of the simulation; None where motion and force are not both measured.
     pub inverse_dynamics: Option<InverseDynamics>,
+    /// Where prediction decided and not simulation: how much is corrected, and what the simulation said. All errors are then those of prediction.
+    pub prediction: Option<Prediction>,
     /// Numbers that differ from record to record, where something is left; the one that explains most first.
     pub varying: Vec<VaryingNumber>,
     /// Numbers that the fit moved further from the file than a machine can be, and that inverse dynamics does not confirm.
@@ -271,6 +274,16 @@ pub struct IdentificationReport {
 const SAME_NUMBER: f64 = 0.3;
 
 impl IdentificationReport {
+    /// Adds what prediction and simulation say of each other. What stands by one of them alone is no name where something is left.
+    pub(super) fn predicted(&mut self, both: Prediction) {
+        let alone = [(&both.by_prediction_alone, "prediction"), (&both.by_simulation_alone, "simulation")];
+        for (paths, way) in alone.into_iter().filter(|_| !self.explained) {
+            let own = self.effects.iter().filter(|e| paths.contains(&e.path));
+            self.doubts.extend(own.map(|e| format!("`{}` stands by {way} alone, and something is left", e.path)));
+        }
+        self.prediction = Some(both);
+    }
+
     /// Whether inverse dynamics gives the same number as the simulation.
     pub(super) fn is_confirmed(&self, path: &str) -> bool {
         let numbers = self.inverse_dynamics.iter().flat_map(|i| &i.numbers);
@@ -517,6 +530,7 @@ pub fn report(measurement: &Measurement, data: &Data, found: &AcceptedResult) ->
         clocks: data.clocks.clone(),
         wheels: data.wheels.clone(),
         inverse_dynamics: None,
+        prediction: None,
         varying: Vec::new(),
         doubts: Vec::new(),
         warnings: data.warnings.clone(),

@@ -153,6 +153,7 @@ pub fn declared<'a>(
         machine: machine.clone(),
         fixed: Vec::new(),
         folded: false,
+        correction: 0.0,
         data,
         channels: data.channels.iter().map(|c| c.sensor).collect(),
         weights: data.channels.iter().map(|c| c.noise.max(1e-12)).collect(),
@@ -330,7 +331,7 @@ pub fn search_from<'a>(
             break;
         }
         beam = next;
-        if cut_short {
+        if cut_short || beam[0].is_noise_alone() {
             break;
         }
     }
@@ -527,7 +528,7 @@ pub fn is_at_step_limit(declared: &FittedModel) -> bool {
 }
 
 /// Added effects may be stiffer than the declared model, but only up to a limit that keeps the search time acceptable.
-fn set_step_limit(problem: &mut Problem, fitted: &Point) {
+pub(super) fn set_step_limit(problem: &mut Problem, fitted: &Point) {
     let file = problem.start();
     let needed = [&file, fitted].into_iter().filter_map(|at| steps_needed_at(problem, at)).reduce(f64::max);
     if let Some(needed) = needed {

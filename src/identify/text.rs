@@ -102,6 +102,7 @@ fn write_all(t: &mut String, r: &IdentificationReport) {
             writeln!(t, "PARTIAL: {why}; more effects may exist, and the result is less certain")?;
         }
         errors(t, r)?;
+        prediction(t, r)?;
         effects(t, r)?;
         declared_numbers(t, r)?;
         varying(t, r)?;
@@ -111,6 +112,41 @@ fn write_all(t: &mut String, r: &IdentificationReport) {
         }
         push_remaining_sections(t, r)
     })();
+}
+
+/// Where prediction decided: what of the motion was corrected, the simulated errors, and what stands by one way alone.
+fn prediction(t: &mut String, r: &IdentificationReport) -> std::fmt::Result {
+    let Some(p) = &r.prediction else { return Ok(()) };
+    writeln!(
+        t,
+        "\nprediction: a simulation adds up what nobody measures, so each sample corrects the state by {:.1} % of the difference (forgotten in {} s)",
+        100.0 * p.share,
+        four_digits(p.memory_s)
+    )?;
+    for force in &p.unmeasured {
+        writeln!(
+            t,
+            "    as for a force on {} that differs by {} {} from sample to sample",
+            force.body,
+            four_digits(force.size),
+            force.unit
+        )?;
+    }
+    for e in p.simulated.iter().filter(|e| e.record.is_none()) {
+        writeln!(
+            t,
+            "    simulated, the set that a simulation finds errs by {} {} in {}",
+            optional_number(e.held_out.or(e.fit)),
+            e.unit,
+            e.channel
+        )?;
+    }
+    for (paths, way) in [(&p.by_prediction_alone, "prediction"), (&p.by_simulation_alone, "simulation")] {
+        for path in paths {
+            writeln!(t, "    {path} stands by {way} alone")?;
+        }
+    }
+    Ok(())
 }
 
 fn errors(t: &mut String, r: &IdentificationReport) -> std::fmt::Result {

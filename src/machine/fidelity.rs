@@ -1,7 +1,7 @@
 //! What differs between the two fidelities of a machine, lumped and with link bodies, as one interface. All else (sensors, effects,
 //! inputs, fits) sees a [`Machine`] and asks these questions; nothing outside this folder asks which fidelity it is.
 
-use super::simulate::{InitialState, RunError, Task};
+use super::simulate::{InitialState, Observed, RunError, Task};
 use super::{Machine, Target};
 use crate::effects::{Effect, Parameter};
 use std::sync::Arc;
@@ -19,6 +19,8 @@ pub struct RunRequest<'a> {
     pub folded: bool,
     pub task: &'a Task,
     pub start: &'a InitialState,
+    /// What was measured, where a run predicts; drives with links do not.
+    pub observed: Option<Observed<'a>>,
     /// Indices of sensors.
     pub channels: &'a [usize],
     /// Steps per sample beyond which a model counts as too stiff.

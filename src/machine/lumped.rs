@@ -127,7 +127,7 @@ impl Fidelity for Lumped {
 
     fn run(&self, m: &Machine, r: &RunRequest) -> Result<Vec<Vec<f64>>, RunError> {
         r.runs.fetch_add(1, Ordering::Relaxed);
-        simulate::run(m, r.values, r.task, r.start, r.channels, r.max_steps)
+        simulate::run(m, r.values, r.task, r.start, r.channels, r.max_steps, r.observed)
     }
 
     fn unrepeated(&self, _m: &Machine, _values: &[f64], _runs: &AtomicU64) -> Option<Vec<UnrepeatedPart>> {

@@ -5,7 +5,7 @@
 
 use super::forces::{ActingForces, PreparedMachine};
 use super::pulses::{self, pulses};
-use super::{BodyMotion, Input, InputKind, Machine, Reads, Target};
+use super::{BodyMotion, Input, InputKind, Machine, PlacedEffect, Reads, Target};
 use crate::effects::{BodyAt, Physics, Trace};
 use std::f64::consts::PI;
 
@@ -76,6 +76,19 @@ pub struct InitialState {
     pub travel: f64,
 }
 
+/// Measured series that correct a run at every sample. The run then predicts the next sample from those before it, and forgets what it did not
+/// know: noise of a measured force, feedback, drift. The correction is that of a steady Kalman filter for an unmeasured force that differs from
+/// sample to sample (for angles: Kalata 1984).
+#[derive(Clone, Copy, Debug)]
+pub struct Observed<'a> {
+    /// Share of the difference between measured and predicted that the state takes at each sample.
+    pub share: f64,
+    /// Indices of the sensors that were measured.
+    pub sensors: &'a [usize],
+    /// One series for each of these sensors, at the samples; missing: NaN.
+    pub measured: &'a [Vec<f64>],
+}
+
 /// Runs a machine and returns one series for every channel (index of a sensor), at the samples; for pulses, ln of the
 /// intervals.
 pub fn run(
@@ -85,13 +98,21 @@ pub fn run(
     start: &InitialState,
     channels: &[usize],
     max_steps: f64,
+    observed: Option<Observed>,
 ) -> Result<Vec<Vec<f64>>, RunError> {
     let ready = PreparedMachine::new(m, values, max_steps);
     match &task.samples {
         Samples::Pulses { intervals, first, interval_s, longest_s } => {
             pulses(&ready, (start, task.start_s), (*intervals, *first), (*interval_s, *longest_s), channels)
         }
-        Samples::Times { t_s, step_s, even } => sampled(&ready, task, start, (t_s, *step_s, *even), channels),
+        Samples::Times { t_s, step_s, even } => {
+            let times = (t_s.as_slice(), *step_s, *even);
+            // A recorder whose clock errs shows later moments than a sample is corrected by.
+            match observed.filter(|_| *even && clock(m, values) == 0.0) {
+                None => Ok(sampled(&ready, task, start, times, channels, None)?.read_out(&ready, times, true)),
+                Some(observed) => predicted(&ready, task, start, times, channels, observed),
+            }
+        }
     }
 }
 
@@ -262,14 +283,145 @@ fn is_sparse(ready: &PreparedMachine, even: bool, channels: &[usize], wanted: f6
 /// Steps per sample from which samples take their own number.
 const LEAST_SPARSE: f64 = 4.0;
 
-/// A run with samples at given times.
-fn sampled(
+/// Share by which a signal is made larger to see what the effects of its sensor let through, and what they let through at least.
+const SMALL_SHARE: f64 = 1e-3;
+const LEAST_SLOPE: f64 = 0.05;
+
+/// A run that measured series correct. What the effects of a sensor do to its signal, found by a first run, is taken off what it measured.
+fn predicted(
+    ready: &PreparedMachine,
+    task: &Task,
+    start: &InitialState,
+    times: (&[f64], f64, bool),
+    channels: &[usize],
+    observed: Observed,
+) -> Result<Vec<Vec<f64>>, RunError> {
+    let m = ready.m;
+    let by_sensor = |p: &PlacedEffect| matches!(p.target, Target::Sensor(s) if observed.sensors.contains(&s));
+    if !m.placed.iter().any(by_sensor) {
+        return Ok(sampled(ready, task, start, times, channels, Some(observed))?.read_out(ready, times, true));
+    }
+    let first = sampled(ready, task, start, times, observed.sensors, Some(observed))?;
+    let (plain, shown) = (first.read_out(ready, times, false), first.read_out(ready, times, true));
+    let larger = first.scaled(1.0 + SMALL_SHARE).read_out(ready, times, true);
+    let of = |(i, measured): (usize, &Vec<f64>)| -> Vec<f64> {
+        let (plain, shown) = (&plain[i], &shown[i]);
+        // How much of a signal the effects let through: one step of Newton's method to the signal that they show as the measured one.
+        let grown: f64 =
+            plain.iter().zip(shown.iter().zip(&larger[i])).map(|(p, (a, b))| p * (b - a) / SMALL_SHARE).sum();
+        let whole: f64 = plain.iter().map(|p| p * p).sum();
+        let slope = if grown > LEAST_SLOPE * whole { grown / whole } else { 1.0 };
+        measured.iter().zip(plain.iter().zip(shown)).map(|(y, (plain, shown))| plain + (y - shown) / slope).collect()
+    };
+    let measured: Vec<Vec<f64>> = observed.measured.iter().enumerate().map(of).collect();
+    let observed = Observed { measured: &measured, ..observed };
+    Ok(sampled(ready, task, start, times, channels, Some(observed))?.read_out(ready, times, true))
+}
+
+/// What a state takes of measured values.
+struct Correction<'a> {
+    observed: Observed<'a>,
+    /// Of each sensor that shows the angle or the speed of a free body: its index among those observed, the body, whether it is a speed,
+    /// and its weight among the sensors of that body and kind.
+    from: Vec<(usize, usize, bool, f64)>,
+    /// By how much angles and speeds were moved at the last sample.
+    moved: (Vec<f64>, Vec<f64>),
+}
+
+impl<'a> Correction<'a> {
+    fn new(ready: &PreparedMachine, observed: Observed<'a>) -> Correction<'a> {
+        let m = ready.m;
+        let of = |(i, sensor): (usize, &usize)| match m.sensors[*sensor].reads {
+            Reads::Angle(b) => Some((i, ready.stands_for[b], false)),
+            Reads::Speed(b) => Some((i, ready.stands_for[b], true)),
+            Reads::Acceleration(_) | Reads::Pulses { .. } | Reads::Tension(_) | Reads::Reaction(_) | Reads::Part(_) => {
+                None
+            }
+        };
+        let free = |(_, b, _): &(usize, usize, bool)| m.bodies[*b].motion == BodyMotion::Free;
+        let all: Vec<(usize, usize, bool)> = observed.sensors.iter().enumerate().filter_map(of).filter(free).collect();
+        let alike = |b: usize, is_speed: bool| all.iter().filter(|(_, o, s)| (*o, *s) == (b, is_speed)).count() as f64;
+        let from = all.iter().map(|(i, b, is_speed)| (*i, *b, *is_speed, 1.0 / alike(*b, *is_speed))).collect();
+        Correction { observed, from, moved: (vec![0.0; m.bodies.len()], vec![0.0; m.bodies.len()]) }
+    }
+
+    /// Moves the state at a sample.
+    fn apply(&mut self, ready: &PreparedMachine, sample: usize, step_s: f64, q: &mut [f64], v: &mut [f64]) {
+        let (dq, dv) = (&mut self.moved.0, &mut self.moved.1);
+        dq.fill(0.0);
+        dv.fill(0.0);
+        let share = self.observed.share;
+        for (i, body, is_speed, weight) in &self.from {
+            let measured = self.observed.measured[*i].get(sample).copied().unwrap_or(f64::NAN);
+            if !measured.is_finite() {
+                continue;
+            }
+            let value = measured / ready.values[ready.m.sensors[self.observed.sensors[*i]].gain];
+            if *is_speed {
+                dv[*body] += weight * share * (value - v[*body]);
+                continue;
+            }
+            let off = weight * (value - q[*body]);
+            dq[*body] += share * off;
+            if !self.from.iter().any(|(_, b, speed, _)| b == body && *speed) {
+                dv[*body] += speed_share(share) * off / step_s;
+            }
+        }
+        q.iter_mut().zip(dq).for_each(|(q, d)| *q += *d);
+        v.iter_mut().zip(dv).for_each(|(v, d)| *v += *d);
+    }
+}
+
+/// Share of a difference in angle that the speed takes over a sample, where the angle takes `share` (Kalata 1984).
+pub fn speed_share(share: f64) -> f64 {
+    2.0 * (2.0 - share) - 4.0 * libm::sqrt(1.0 - share)
+}
+
+/// What the channels read at the nodes of a run.
+struct NodeReadings<'a> {
+    channels: &'a [usize],
+    traces: Vec<Vec<f64>>,
+    angles: Vec<Vec<f64>>,
+    /// Nodes a sample that are kept, and the time between them [s].
+    parts: usize,
+    h: f64,
+}
+
+impl NodeReadings<'_> {
+    /// The same with larger readings.
+    fn scaled(&self, by: f64) -> Self {
+        let traces = self.traces.iter().map(|t| t.iter().map(|x| by * x).collect()).collect();
+        NodeReadings { traces, angles: self.angles.clone(), ..*self }
+    }
+
+    /// Readings at the samples, after the effects of sensors and recorder or without them.
+    fn read_out(&self, ready: &PreparedMachine, (t_s, _, even): (&[f64], f64, bool), sensed: bool) -> Vec<Vec<f64>> {
+        let m = ready.m;
+        let clock = if sensed { clock(m, ready.values) } else { 0.0 };
+        let of = |(c, channel): (usize, &usize)| {
+            let trace = match sensed {
+                true => through_sensor(m, ready.values, *channel, self.traces[c].clone(), &self.angles[c], self.h),
+                false => self.traces[c].clone(),
+            };
+            if even && clock == 0.0 {
+                (0..t_s.len()).map(|i| trace[i * self.parts]).collect()
+            } else {
+                t_s.iter().map(|t| between(&trace, t / (1.0 + clock) / self.h)).collect()
+            }
+        };
+        self.channels.iter().enumerate().map(of).collect()
+    }
+}
+
+/// A run with samples at given times, which measured series may correct.
+fn sampled<'a>(
     ready: &PreparedMachine,
     task: &Task,
     start: &InitialState,
     (t_s, step_s, even): (&[f64], f64, bool),
-    channels: &[usize],
-) -> Result<Vec<Vec<f64>>, RunError> {
+    channels: &'a [usize],
+    observed: Option<Observed>,
+) -> Result<NodeReadings<'a>, RunError> {
     let m = ready.m;
     let wanted = libm::ceil(steps(ready, step_s, &top_speeds(m, task, start), &top_loads(ready, task)));
     if !(wanted.is_finite() && wanted <= ready.max_steps) {
@@ -295,6 +447,7 @@ fn sampled(
     let mut traces: Vec<Vec<f64>> = channels.iter().map(|_| Vec::with_capacity(n_steps + 1)).collect();
     let mut angles: Vec<Vec<f64>> = channels.iter().map(|_| Vec::with_capacity(n_steps + 1)).collect();
     let mut speeds: Vec<Vec<f64>> = channels.iter().map(|_| Vec::new()).collect();
+    let mut correction = observed.map(|observed| Correction::new(ready, observed));
     // Nodes that one step of the present sample crosses.
     let stride = std::cell::Cell::new(1);
     for step in 0..=n_steps {
@@ -303,6 +456,9 @@ fn sampled(
             continue;
         }
         let t = task.start_s + step as f64 * h;
+        if let Some(correction) = correction.as_mut().filter(|_| is_sample) {
+            correction.apply(ready, step / parts, step_s, &mut q, &mut v);
+        }
         let q_before = q.clone();
         let at_step = step.min(n_steps.saturating_sub(1));
         let late = if step == n_steps && n_steps > 0 { 1.0 } else { 0.0 };
@@ -352,12 +508,23 @@ fn sampled(
         if sparse && !is_sample {
             continue;
         }
+        // Sensors show the state before its correction.
+        let moved = |b: usize| {
+            let of = correction.as_ref().filter(|_| is_sample);
+            of.map_or((0.0, 0.0), |c| (c.moved.0[b], c.moved.1[b]))
+        };
         for (c, channel) in channels.iter().enumerate() {
             let sensor = &m.sensors[*channel];
             let gain = ready.values[sensor.gain];
             let (value, body) = match sensor.reads {
-                Reads::Angle(b) => (q_before[ready.stands_for[b]], ready.stands_for[b]),
-                Reads::Speed(b) => (work.v_at_node[ready.stands_for[b]], ready.stands_for[b]),
+                Reads::Angle(b) => {
+                    let b = ready.stands_for[b];
+                    (q_before[b] - moved(b).0, b)
+                }
+                Reads::Speed(b) => {
+                    let b = ready.stands_for[b];
+                    (work.v_at_node[b] - moved(b).1, b)
+                }
                 Reads::Acceleration(b) => {
                     let b = ready.stands_for[b];
                     (work.at_node[b] / ready.inertia[b], b)
@@ -378,28 +545,18 @@ fn sampled(
             return Err(RunError::Diverged { t_s: step as f64 * h });
         }
     }
-    let clock = clock(m, ready.values);
-    Ok(channels
-        .iter()
-        .enumerate()
-        .map(|(c, channel)| {
-            if let Reads::Reaction(b) = m.sensors[*channel].reads {
-                let gain = ready.values[m.sensors[*channel].gain];
-                let acceleration = derivative(&speeds[c], h);
-                for (value, a) in traces[c].iter_mut().zip(acceleration) {
-                    *value = gain * ready.inertia[b] * a - *value;
-                }
+    for (c, channel) in channels.iter().enumerate() {
+        if let Reads::Reaction(b) = m.sensors[*channel].reads {
+            let gain = ready.values[m.sensors[*channel].gain];
+            let acceleration = derivative(&speeds[c], h);
+            for (value, a) in traces[c].iter_mut().zip(acceleration) {
+                *value = gain * ready.inertia[b] * a - *value;
             }
-            let trace = through_sensor(m, ready.values, *channel, std::mem::take(&mut traces[c]), &angles[c], h);
-            if sparse {
-                trace
-            } else if even && clock == 0.0 {
-                (0..t_s.len()).map(|i| trace[i * parts]).collect()
-            } else {
-                t_s.iter().map(|t| between(&trace, t / (1.0 + clock) / h)).collect()
-            }
-        })
-        .collect())
+        }
+    }
+    // A sparse run keeps its samples alone; no effect of a sensor or recorder then looks between them.
+    let (parts, h) = if sparse { (1, step_s) } else { (parts, h) };
+    Ok(NodeReadings { channels, traces, angles, parts, h })
 }
 
 /// Relative error of the recorder's clock.
