@@ -582,7 +582,7 @@ fn a_prediction_from_angles_finds_the_speed() {
     let task = Task { samples, inputs: vec![vec![0.0; 400]], hold: true, start_s: 0.0 };
     let start = InitialState { q: vec![0.0], v: vec![0.0], travel: 0.0 };
     let measured: Vec<f64> = (0..400).map(|i| 5e-3 * f64::from(i)).collect();
-    let observed = Observed { share: 0.1, sensors: &[sensor], measured: &[measured.clone()] };
+    let observed = Observed { share: 0.1, sensors: &[sensor], measured: std::slice::from_ref(&measured) };
     let out = run(&m, &m.values, &task, &start, &[sensor], MAX_STEPS, Some(observed)).expect("a run");
     let off = |i: usize| (out[0][i] - measured[i]).abs();
     assert!(off(1) > 4e-3 && off(399) < 1e-9, "{} {}", off(1), off(399));

@@ -332,8 +332,8 @@ pub type LoadedLaw = fn(&[f64], BodyAt, f64) -> f64;
 pub struct StateLaw {
     /// Force at a state [N, N m].
     pub force: fn(&[f64], f64) -> f64,
-    /// Rate of change of a state at a speed [1/s].
-    pub rate: fn(&[f64], f64, f64) -> f64,
+    /// State after a state, once the body has moved on by a distance [m, rad] in one direction.
+    pub moved: fn(&[f64], f64, f64) -> f64,
     /// Index of the parameter that is the state at the start of a record.
     pub start: usize,
     /// Stiffness at rest [N/m, N m/rad], and how fast the state follows at a speed [1/s]: what a step must resolve.

@@ -26,7 +26,7 @@ pub const ROW: Effect = Effect {
         Parameter::new("start", 1.0, -1.0, 1.0, Kind::Start).default(0.0),
     ],
     dissipative: false,
-    physics: Physics::StateForce(StateLaw { force, rate, start: 2, stiffness, fastest }),
+    physics: Physics::StateForce(StateLaw { force, moved, start: 2, stiffness, fastest }),
     links: None,
     highest_order: HighestOrder::None,
     kin: Kin { family: Some("friction"), look: Some(Look::Friction), ..Kin::NONE },
@@ -36,8 +36,10 @@ fn force(p: &[f64], z: f64) -> f64 {
     -p[0] * z
 }
 
-fn rate(p: &[f64], z: f64, v: f64) -> f64 {
-    (v - v.abs() * z) / p[1]
+/// Over a distance in one direction z runs to 1 or -1, whatever the speed.
+fn moved(p: &[f64], z: f64, distance: f64) -> f64 {
+    let end = 1.0_f64.copysign(distance);
+    end + (z - end) * libm::exp(-distance.abs() / p[1])
 }
 
 fn stiffness(p: &[f64]) -> f64 {

@@ -313,7 +313,24 @@ fn with_confirmed_effects<'a>(
             break;
         }
     }
-    if best.effects.len() > before {
+    while best.effects.len() > before {
+        // What was there before may be in place of what has come.
+        let all: Vec<(FittedModel, Evidence)> = (0..best.effects.len())
+            .map(|which| {
+                let less = without_effect(declared, &best, which, own, context.threads);
+                let of = evidence_for(&best, &less, which, effective, own, context.threads);
+                (less, of)
+            })
+            .collect();
+        let fails = |i: &usize| !is_confirmed(&best, *i, &all[*i].1);
+        let weakest = (0..all.len()).filter(fails).min_by(|a, b| all[*a].1.score.total_cmp(&all[*b].1.score));
+        let Some(weakest) = weakest else {
+            return (best, all.into_iter().map(|(_, evidence)| evidence).collect());
+        };
+        best = all.into_iter().nth(weakest).map_or(best, |(less, _)| less);
+        evidence.clear();
+    }
+    if evidence.len() != best.effects.len() {
         let of = |which: usize| {
             let less = without_effect(declared, &best, which, own, context.threads);
             evidence_for(&best, &less, which, effective, own, context.threads)

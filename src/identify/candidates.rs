@@ -489,12 +489,11 @@ pub fn with_hypothesis<'a>(
     }
     let (machine, slots) = next.machine.with_effect(h.effect, &name, h.target, values);
     next.machine = machine;
-    for ((row, slot), scale) in
-        h.rows.iter().zip(&slots).zip(&h.scales).filter(|((row, _), _)| row.scale == Scale::RecordTime)
-    {
-        // What goes on for longer than a record is no course within it.
+    // What goes on for longer than a record is no course within it.
+    let longest_s = next.data.clocks.iter().map(|c| c.length_s).fold(0.0, f64::max);
+    for (row, slot) in h.rows.iter().zip(&slots).filter(|(row, _)| row.scale == Scale::RecordTime && longest_s > 0.0) {
         let own = &mut next.machine.slots[*slot];
-        own.high = own.high.min(LONGEST_COURSE * scale / row.unit).max(own.low);
+        own.high = own.high.min(LONGEST_COURSE * longest_s / row.unit).max(own.low);
     }
     for (i, (row, slot)) in h.rows.iter().zip(&slots).enumerate() {
         let s = &next.machine.slots[*slot];

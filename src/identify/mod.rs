@@ -53,6 +53,7 @@ use crate::measurement::Measurement;
 use crate::measurement::segments::Data;
 use report::{IdentificationReport, IdentificationVerdict};
 use search::Context;
+use std::cell::OnceCell;
 use std::sync::atomic::Ordering;
 
 /// The declared model cannot be simulated over a record, so that there is nothing to compare.
@@ -71,6 +72,9 @@ impl std::fmt::Display for DeclaredModelFails {
 }
 
 impl std::error::Error for DeclaredModelFails {}
+
+/// A share that is chosen again is another where it is below this part of the first.
+const SAME_SHARE: f64 = 0.8;
 
 /// Single effects that are looked at again where none is accepted: their sizes may differ from record to record.
 const LEADS: usize = 12;
@@ -105,36 +109,57 @@ pub fn identify(
         found = accept::accept(searched, None, &own, context);
     }
     let mut report = report::report(measurement, data, &found);
+    let mut has_course = false;
     if !report.explained && !context.must_end() {
         context.report("looking for numbers that differ from record to record");
         let others = if found.best.effects.is_empty() { &leads[..] } else { &[] };
         let drifting = drifting::varying_numbers(&found.best, others, context);
-        let is_named = accept::accept_drifting(&mut found, &drifting);
-        if is_named {
+        has_course = accept::accept_drifting(&mut found, &drifting);
+        if has_course {
             report = report::report(measurement, data, &found);
         }
         report.varying = drifting.into_iter().take(drifting::TOLD).map(|d| d.number).collect();
-        let proposed = report.varying.first().filter(|_| !is_named).map(drifting::VaryingNumber::experiment);
+        let proposed = report.varying.first().filter(|_| !has_course).map(drifting::VaryingNumber::experiment);
         report.next_experiment.splice(0..0, proposed);
     }
-    let (noisy, held_out);
-    if !report.explained
-        && !context.must_end()
-        && let Some(share) = predict::share(&found.best, context)
-    {
-        noisy = predict::records(data, machine, share);
-        held_out = judge::held_out_segments(&noisy);
-        let named = machine.for_noise(noise_of_sensors(machine, data));
-        let predicted = predict::search(measurement, (&named, &noisy, &held_out), &found.best, share, context);
-        let both = predict::compared(&predicted, &found, report.error_after.clone(), share);
-        if predicted.best.effects.is_empty() && !found.best.effects.is_empty() {
-            report.predicted(both);
-        } else {
-            report =
-                IdentificationReport { varying: report.varying, ..report::report(measurement, &noisy, &predicted) };
-            report.predicted(both);
-            found = predicted;
+    // The share that is corrected is chosen again with what prediction has found: before, it stood for that too.
+    let noisy: [OnceCell<(Data, Data)>; 2] = Default::default();
+    for records in &noisy {
+        let last = report.prediction.as_ref().map(|p| p.share);
+        if context.must_end() || has_course || report.explained && last.is_none() {
+            break;
         }
+        let Some(share) = predict::share(&found.best, context) else { break };
+        if last.is_some_and(|last| share > SAME_SHARE * last) {
+            break;
+        }
+        let (noisy, held_out) = records.get_or_init(|| {
+            let noisy = predict::records(data, machine, share);
+            let held_out = judge::held_out_segments(&noisy);
+            (noisy, held_out)
+        });
+        let named = machine.for_noise(noise_of_sensors(machine, data));
+        let predicted = predict::search(measurement, (&named, noisy, held_out), &found.best, share, context);
+        if context.must_end() {
+            let cut = "the search ended before all was predicted: names and errors are those of the way before";
+            report.warnings.push(cut.into());
+            break;
+        }
+        let simulated = report.prediction.take().map_or_else(|| report.error_after.clone(), |p| p.simulated);
+        let both = predict::compared(&predicted, &found, simulated, share);
+        let mut second = report::report(measurement, noisy, &predicted);
+        second.explained &= predict::is_small(&predicted.best, &both);
+        if second.effects.is_empty() && !second.explained && !report.effects.is_empty() {
+            let alone = "prediction finds none of these effects, and leaves something too";
+            report.doubts.push(alone.into());
+            break;
+        }
+        if !second.explained {
+            second.varying = report.varying;
+        }
+        report = second;
+        report.predicted(both);
+        found = predicted;
     }
     let cut_short = found.cut_short || context.must_end();
     if search::is_at_step_limit(&found.best) {

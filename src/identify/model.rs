@@ -87,13 +87,15 @@ impl<'a> FittedModel<'a> {
             .all(|times| times < NEAR_FLOOR)
     }
 
-    /// Whether white noise of the known size is all that is left of every channel, so that no further effect can be found.
+    /// Whether white noise of the known size is all that is left of every channel: a further effect would be lost in it.
     pub fn is_noise_alone(&self) -> bool {
-        let channels = self.problem.data.channels.iter().zip(&self.fit_residuals);
-        self.problem.machine.effort().noise_alone_is_left
-            && channels
-                .into_iter()
-                .all(|(channel, left)| stats::rms(left) <= NOISE_ALONE * channel.noise && stats::white(left))
+        let is_noise = |left: &[Vec<f64>], noise: f64| {
+            let samples = left.iter().map(Vec::len).sum::<usize>() as f64;
+            let is_chance = stats::neighbour_correlation(left).abs() * libm::sqrt(samples) < CHANCE;
+            is_chance && stats::rms(left) <= NOISE_ALONE * noise && stats::white(left)
+        };
+        let mut channels = self.problem.data.channels.iter().zip(&self.fit_residuals);
+        self.problem.machine.effort().noise_alone_is_left && channels.all(|(c, left)| is_noise(left, c.noise))
     }
 
     /// Deviance on the fitted data, with priors. It compares fits of the same parameters, because their costs are not
@@ -116,6 +118,8 @@ const NEAR_FLOOR: f64 = 1.5;
 
 /// Up to this multiple of the noise white residuals are noise alone: the noise is known to a few percent.
 const NOISE_ALONE: f64 = 1.05;
+/// Standard deviations of the correlation of neighbours that chance reaches once in a thousand times.
+const CHANCE: f64 = 3.3;
 
 /// Maximum number of times that a fit of a motion with a period restarts from slightly shifted records.
 const MAX_REALIGNMENTS: usize = 3;

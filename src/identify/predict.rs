@@ -10,17 +10,19 @@
 //! not white, and where it errs clearly less. What stands by one of both ways alone is told.
 
 use super::accept::{AcceptedResult, accept};
+use super::candidates::Sizes;
 use super::fit::{FitOptions, fit};
 use super::judge;
 use super::model::{FIT_ITERATIONS, FittedModel, fit_model, refitted};
 use super::problem::Problem;
 use super::report::ChannelError;
 use super::search::{self, Context};
-use crate::effects::sign_blind;
+use super::stats;
+use crate::effects::{Physics, sign_blind};
 use crate::machine::simulate::{Samples, speed_share};
-use crate::machine::{BodyMotion, Machine, Reads};
+use crate::machine::{BodyMotion, InputKind, Machine, Reads};
 use crate::measurement::Measurement;
-use crate::measurement::segments::Data;
+use crate::measurement::segments::{Data, MeasuredChannel};
 use serde::Serialize;
 
 /// Shares that are tried, and then those halfway to the neighbours of the best. Beyond the last the model would hardly be held against more than
@@ -59,16 +61,18 @@ pub struct UnmeasuredForce {
     pub unit: String,
 }
 
-/// Whether the records hold the motion of a free body at even times.
+/// Whether the records hold motions of free bodies alone, at even times. Forces and accelerations would show what corrects them.
 fn is_possible(problem: &Problem) -> bool {
     let (m, data) = (&problem.machine, problem.data);
     // Where a sensor hides the direction, what it shows does not tell where to correct to.
     let hides = m.placed.iter().any(|p| *p.effect == sign_blind::ROW);
     let even = |samples: &Samples| matches!(samples, Samples::Times { even: true, .. });
+    let errs = m.placed.iter().any(|p| matches!(p.effect.physics, Physics::Clock(_)));
     m.period_pitches().is_none()
         && !hides
-        && data.segments.iter().all(|s| even(&s.task.samples))
-        && data.channels.iter().any(|c| corrects(m, c.sensor))
+        && !errs
+        && data.segments.iter().chain(&data.transfer).all(|s| even(&s.task.samples))
+        && data.channels.iter().all(|c| corrects(m, c.sensor))
 }
 
 /// Whether a sensor shows the motion of a free body, which a prediction then corrects.
@@ -92,7 +96,8 @@ pub(super) fn share(best: &FittedModel, context: &Context) -> Option<f64> {
         let found = fit(&problem, &best.fit.point, FitOptions { iterations: ITERATIONS, threads: context.threads });
         judge::mean_error(&judge::fitted_residuals(&problem, &found))
     };
-    let mut least = WORTH_IT * judge::mean_error(&best.fit_residuals);
+    let mut least =
+        WORTH_IT * if best.problem.correction > 0.0 { error(0.0) } else { judge::mean_error(&best.fit_residuals) };
     let mut chosen: Option<usize> = None;
     for (i, share) in SHARES.into_iter().enumerate() {
         let own = error(share);
@@ -110,7 +115,7 @@ pub(super) fn share(best: &FittedModel, context: &Context) -> Option<f64> {
     let mut share = SHARES[at];
     for between in neighbours.map(|other| libm::sqrt(other * SHARES[at])) {
         let own = error(between);
-        if own < least {
+        if own < least && !context.must_end() {
             (least, share) = (own, between);
         }
     }
@@ -181,9 +186,12 @@ pub(super) fn compared(
         Samples::Pulses { .. } => None,
     });
     let step_s = step_s.unwrap_or(0.0);
+    // The poles of the filter lie at 1 - share for speeds, and at the root of it for angles.
+    let is_speed = |c: &MeasuredChannel| matches!(problem.machine.sensors[c.sensor].reads, Reads::Speed(_));
+    let by_angle = !problem.data.channels.iter().any(is_speed);
     Prediction {
         share,
-        memory_s: step_s / share,
+        memory_s: if by_angle { 2.0 } else { 1.0 } * step_s / share,
         unmeasured: unmeasured(&predicted.best, share, step_s),
         simulated: errors,
         by_prediction_alone: alone(&by_prediction, &by_simulation),
@@ -213,4 +221,28 @@ fn unmeasured(best: &FittedModel, share: f64, step_s: f64) -> Vec<UnmeasuredForc
     };
     let free = m.bodies.iter().enumerate().filter(|(_, b)| b.motion == BodyMotion::Free);
     free.filter_map(of).collect()
+}
+
+/// The unmeasured force counts as small up to this part of the forces that are measured or that accelerate the body (root mean square).
+const SMALL_FORCE: f64 = 0.3;
+
+/// Whether the force that nobody measures is small beside the others, so that little is laid to it.
+pub(super) fn is_small(best: &FittedModel, both: &Prediction) -> bool {
+    let problem = &best.problem;
+    let sizes = Sizes::new(problem, &best.fit.point);
+    both.unmeasured.iter().all(|force| {
+        let body = problem.machine.bodies.iter().position(|b| b.name == force.body);
+        body.is_none_or(|b| {
+            let driven = problem.machine.inputs.iter().enumerate().filter(|(_, i)| i.body == b);
+            let inputs = driven.filter_map(|(k, i)| match i.kind {
+                InputKind::Force(gain) => {
+                    let series: Vec<Vec<f64>> =
+                        problem.data.segments.iter().filter_map(|s| s.task.inputs.get(k).cloned()).collect();
+                    Some(problem.machine.values[gain].abs() * stats::rms(&series))
+                }
+                InputKind::Speed | InputKind::Angle => None,
+            });
+            force.size <= SMALL_FORCE * inputs.fold(sizes.force(b), f64::max)
+        })
+    })
 }

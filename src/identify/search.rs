@@ -16,6 +16,7 @@ use super::stats::{self, Random};
 use super::structure::{self, Detectable, IndistinguishablePair};
 use super::windows;
 use crate::drive::sensors::is_signal;
+use crate::effects::Physics;
 use crate::machine::Machine;
 use crate::machine::simulate::MAX_STEPS;
 use crate::measurement::segments::{Data, RecordSegment};
@@ -549,7 +550,10 @@ fn screened(spec: &CandidateSpec, model: &FittedModel, base: &LinearisedBase, co
     let slots: Vec<usize> = model.problem.globals.iter().map(|g| g.slot).collect();
     let (m, data) = (&model.problem.machine, model.problem.data);
     let mut left_out = Vec::new();
-    let hypotheses = candidates::all(m, data, &sizes, spec, &slots, &mut left_out);
+    let mut hypotheses = candidates::all(m, data, &sizes, spec, &slots, &mut left_out);
+    // A clock that errs is looked for by simulation alone.
+    let predicts = model.problem.correction > 0.0;
+    hypotheses.retain(|h| !(predicts && matches!(h.effect.physics, Physics::Clock(_))));
     let screened = |i: usize| screen(&model.problem, base, &model.fit, &hypotheses[i]);
     let screenings = parallel(hypotheses.len(), context.threads, screened);
     ScreenedHypotheses { hypotheses, screenings, left_out }

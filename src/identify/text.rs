@@ -82,7 +82,9 @@ fn write_all(t: &mut String, r: &IdentificationReport) {
         writeln!(
             t,
             "{}",
-            if r.explained {
+            if r.explained && r.prediction.is_some() {
+                "EXPLAINED, beside a force that nobody measures: what is left of predictions is white and at their floor"
+            } else if r.explained {
                 "EXPLAINED: what is left is white and at the noise floor"
             } else {
                 "NOT EXPLAINED: what is left is above the noise floor, or not white"

@@ -128,10 +128,10 @@ impl<'a> PreparedMachine<'a> {
         !self.with_state.is_empty()
     }
 
-    /// Rates of change of the inner states [1/s].
-    pub(super) fn state_rates(&self, z: &[f64], v: &[f64], out: &mut [f64]) {
+    /// Inner states once the bodies have moved from `z` by the distances `dq`.
+    pub(super) fn states_after(&self, z: &[f64], dq: impl Fn(usize) -> f64, out: &mut [f64]) {
         for ((out, z), (body, law, p)) in out.iter_mut().zip(z).zip(&self.with_state) {
-            *out = (law.rate)(p, *z, v[*body]);
+            *out = (law.moved)(p, *z, dq(*body));
         }
     }
 

@@ -177,15 +177,13 @@ pub(super) fn rk4(
     let free = &work.free;
     work.q.copy_from_slice(q);
     work.v.copy_from_slice(v);
-    work.z.copy_from_slice(z);
-    work.dz.fill(0.0);
     work.dq.fill(0.0);
     work.dv.fill(0.0);
     for (stage, (from, weight)) in [(0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)].into_iter().enumerate() {
         work.input.fill(0.0);
         at(from, &work.q, &mut work.v, &mut work.input);
+        ready.states_after(z, |b| work.q[b] - q[b], &mut work.z);
         ready.forces((&work.q, &work.v, &work.z), t_s + from * h, &mut work.acting);
-        ready.state_rates(&work.z, &work.v, &mut work.z_rate);
         if stage == 0 {
             work.at_node.clear();
             work.at_node.extend_from_slice(&work.acting.force);
@@ -195,10 +193,6 @@ pub(super) fn rk4(
             work.v_at_node.copy_from_slice(&work.v);
         }
         let next = [0.5, 0.5, 1.0, 0.0][stage];
-        for i in 0..z.len() {
-            work.dz[i] += weight * work.z_rate[i];
-            work.z[i] = z[i] + next * h * work.z_rate[i];
-        }
         for i in 0..n {
             let a = if free[i] { (work.acting.force[i] + work.input[i]) / ready.inertia[i] } else { 0.0 };
             let speed = work.v[i];
@@ -210,9 +204,8 @@ pub(super) fn rk4(
             }
         }
     }
-    for (z, d) in z.iter_mut().zip(&work.dz) {
-        *z += h / 6.0 * d;
-    }
+    ready.states_after(z, |b| h / 6.0 * work.dq[b], &mut work.z);
+    z.copy_from_slice(&work.z);
     for i in 0..n {
         q[i] += h / 6.0 * work.dq[i];
         if free[i] {
@@ -227,10 +220,8 @@ pub(super) struct Rk4Buffers {
     v: Vec<f64>,
     dq: Vec<f64>,
     dv: Vec<f64>,
-    /// Inner states, their rates, and the sum of those over the stages.
+    /// Inner states at a stage.
     z: Vec<f64>,
-    z_rate: Vec<f64>,
-    dz: Vec<f64>,
     input: Vec<f64>,
     acting: ActingForces,
     /// At the start of the step: force on each body, tension of each spring, speed.
@@ -243,16 +234,13 @@ impl Rk4Buffers {
     pub(super) fn new(m: &Machine, states: usize) -> Rk4Buffers {
         let n = m.bodies.len();
         let zero = || vec![0.0; n];
-        let no_states = || vec![0.0; states];
         Rk4Buffers {
             free: m.bodies.iter().map(|b| b.motion == BodyMotion::Free).collect(),
             q: zero(),
             v: zero(),
             dq: zero(),
             dv: zero(),
-            z: no_states(),
-            z_rate: no_states(),
-            dz: no_states(),
+            z: vec![0.0; states],
             input: zero(),
             acting: ActingForces::default(),
             at_node: zero(),
@@ -324,6 +312,8 @@ struct Correction<'a> {
     /// Of each sensor that shows the angle or the speed of a free body: its index among those observed, the body, whether it is a speed,
     /// and its weight among the sensors of that body and kind.
     from: Vec<(usize, usize, bool, f64)>,
+    /// Bodies whose angle neither a sensor nor a spring tells: it goes with the speed.
+    is_carried: Vec<bool>,
     /// By how much angles and speeds were moved at the last sample.
     moved: (Vec<f64>, Vec<f64>),
 }
@@ -342,7 +332,13 @@ impl<'a> Correction<'a> {
         let all: Vec<(usize, usize, bool)> = observed.sensors.iter().enumerate().filter_map(of).filter(free).collect();
         let alike = |b: usize, is_speed: bool| all.iter().filter(|(_, o, s)| (*o, *s) == (b, is_speed)).count() as f64;
         let from = all.iter().map(|(i, b, is_speed)| (*i, *b, *is_speed, 1.0 / alike(*b, *is_speed))).collect();
-        Correction { observed, from, moved: (vec![0.0; m.bodies.len()], vec![0.0; m.bodies.len()]) }
+        let told = |b: usize| {
+            let by_spring = m.springs.iter().any(|s| s.ends.iter().any(|e| e.body == b));
+            by_spring || all.iter().any(|(_, o, is_speed)| *o == b && !is_speed)
+        };
+        let n = m.bodies.len();
+        let is_carried = (0..n).map(|b| !told(b)).collect();
+        Correction { observed, from, is_carried, moved: (vec![0.0; n], vec![0.0; n]) }
     }
 
     /// Moves the state at a sample.
@@ -358,7 +354,11 @@ impl<'a> Correction<'a> {
             }
             let value = measured / ready.values[ready.m.sensors[self.observed.sensors[*i]].gain];
             if *is_speed {
-                dv[*body] += weight * share * (value - v[*body]);
+                let off = weight * (value - v[*body]);
+                dv[*body] += share * off;
+                if self.is_carried[*body] {
+                    dq[*body] += (1.0 - share) * step_s * off;
+                }
                 continue;
             }
             let off = weight * (value - q[*body]);
@@ -536,7 +536,7 @@ fn sampled<'a>(
                 Reads::Part(_) => (f64::NAN, 0),
             };
             traces[c].push(gain * value);
-            angles[c].push(q_before[body]);
+            angles[c].push(q_before[body] - moved(body).0);
             if matches!(sensor.reads, Reads::Reaction(_)) {
                 speeds[c].push(work.v_at_node[body]);
             }
