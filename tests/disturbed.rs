@@ -17,7 +17,7 @@ const SAMPLE_S: f64 = 0.005;
 
 /// What acts on the disc beside its viscous friction and the torque of the drive, over one small step.
 struct Disc<'a> {
-    /// What of the drive's torque arrives, at a speed.
+    /// Torque on the disc, from the torque of the drive and the speed of the disc.
     drive: &'a dyn Fn(f64, f64) -> f64,
     /// Dry friction at a time of the record.
     friction: &'a dyn Fn(f64) -> f64,

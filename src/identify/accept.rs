@@ -314,7 +314,7 @@ fn with_confirmed_effects<'a>(
         }
     }
     while best.effects.len() > before {
-        // What was there before may be in place of what has come.
+        // An effect that was accepted before may have stood in for one that was added. It then fails now.
         let all: Vec<(FittedModel, Evidence)> = (0..best.effects.len())
             .map(|which| {
                 let less = without_effect(declared, &best, which, own, context.threads);

@@ -73,7 +73,7 @@ impl std::fmt::Display for DeclaredModelFails {
 
 impl std::error::Error for DeclaredModelFails {}
 
-/// A share that is chosen again is another where it is below this part of the first.
+/// The second share counts as another one where it is below this part of the first. Not varied.
 const SAME_SHARE: f64 = 0.8;
 
 /// Single effects that are looked at again where none is accepted: their sizes may differ from record to record.
@@ -122,7 +122,7 @@ pub fn identify(
         let proposed = report.varying.first().filter(|_| !has_course).map(drifting::VaryingNumber::experiment);
         report.next_experiment.splice(0..0, proposed);
     }
-    // The share that is corrected is chosen again with what prediction has found: before, it stood for that too.
+    // The first share also corrects what the missing effects do. With the effects that prediction has found, a second share is chosen.
     let noisy: [OnceCell<(Data, Data)>; 2] = Default::default();
     for records in &noisy {
         let last = report.prediction.as_ref().map(|p| p.share);

@@ -116,7 +116,7 @@ impl<'a> FittedModel<'a> {
 /// Up to this multiple of the noise a model counts as near the floor.
 const NEAR_FLOOR: f64 = 1.5;
 
-/// Up to this multiple of the noise white residuals are noise alone: the noise is known to a few percent.
+/// Up to this multiple of the noise white residuals are noise alone: the noise is known to a few percent. Not varied.
 const NOISE_ALONE: f64 = 1.05;
 /// Standard deviations of the correlation of neighbours that chance reaches once in a thousand times.
 const CHANCE: f64 = 3.3;

@@ -28,7 +28,7 @@ use serde::Serialize;
 /// Shares that are tried, and then those halfway to the neighbours of the best. Beyond the last the model would hardly be held against more than
 /// the sample before.
 const SHARES: [f64; 10] = [0.002, 0.005, 0.012, 0.03, 0.06, 0.12, 0.2, 0.3, 0.45, 0.6];
-/// Error of prediction over that of simulation from which on the prediction decides.
+/// Error of prediction over that of simulation from which on the prediction decides. Not varied.
 const WORTH_IT: f64 = 0.97;
 /// Iterations of a fit that only chooses the share.
 const ITERATIONS: usize = 8;
@@ -223,7 +223,7 @@ fn unmeasured(best: &FittedModel, share: f64, step_s: f64) -> Vec<UnmeasuredForc
     free.filter_map(of).collect()
 }
 
-/// The unmeasured force counts as small up to this part of the forces that are measured or that accelerate the body (root mean square).
+/// The unmeasured force counts as small up to this part of the forces that are measured or that accelerate the body (root mean square). Not varied.
 const SMALL_FORCE: f64 = 0.3;
 
 /// Whether the force that nobody measures is small beside the others, so that little is laid to it.

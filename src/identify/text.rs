@@ -86,6 +86,8 @@ fn write_all(t: &mut String, r: &IdentificationReport) {
                 "EXPLAINED, beside a force that nobody measures: what is left of predictions is white and at their floor"
             } else if r.explained {
                 "EXPLAINED: what is left is white and at the noise floor"
+            } else if r.prediction.is_some() {
+                "NOT EXPLAINED: what is left is above the noise floor, or not white, or the force that nobody measures is too large"
             } else {
                 "NOT EXPLAINED: what is left is above the noise floor, or not white"
             }

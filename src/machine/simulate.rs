@@ -294,7 +294,8 @@ fn predicted(
     let larger = first.scaled(1.0 + SMALL_SHARE).read_out(ready, times, true);
     let of = |(i, measured): (usize, &Vec<f64>)| -> Vec<f64> {
         let (plain, shown) = (&plain[i], &shown[i]);
-        // How much of a signal the effects let through: one step of Newton's method to the signal that they show as the measured one.
+        // The effects pass on a larger signal `slope` times as much larger. One step of Newton's method with it gives the signal that the effects
+        // would show as the measured one.
         let grown: f64 =
             plain.iter().zip(shown.iter().zip(&larger[i])).map(|(p, (a, b))| p * (b - a) / SMALL_SHARE).sum();
         let whole: f64 = plain.iter().map(|p| p * p).sum();
@@ -309,10 +310,10 @@ fn predicted(
 /// What a state takes of measured values.
 struct Correction<'a> {
     observed: Observed<'a>,
-    /// Of each sensor that shows the angle or the speed of a free body: its index among those observed, the body, whether it is a speed,
-    /// and its weight among the sensors of that body and kind.
+    /// The sensors that correct, each as a tuple: its index among those observed; the free body that it shows; true for a speed, false for an
+    /// angle; its weight, so that two sensors of one speed count as much as one.
     from: Vec<(usize, usize, bool, f64)>,
-    /// Bodies whose angle neither a sensor nor a spring tells: it goes with the speed.
+    /// For each body, whether a correction of its speed corrects its angle too. It does where no sensor shows the angle and no spring ends at the body.
     is_carried: Vec<bool>,
     /// By how much angles and speeds were moved at the last sample.
     moved: (Vec<f64>, Vec<f64>),
@@ -382,7 +383,7 @@ struct NodeReadings<'a> {
     channels: &'a [usize],
     traces: Vec<Vec<f64>>,
     angles: Vec<Vec<f64>>,
-    /// Nodes a sample that are kept, and the time between them [s].
+    /// Number of nodes that `traces` has for each sample, and the time between two nodes [s].
     parts: usize,
     h: f64,
 }
