@@ -564,7 +564,7 @@ pub fn named(name: &str) -> Option<&'static Effect> {
 pub fn parameter_at(path: &str) -> Option<&'static Parameter> {
     let (name, rest) = path.strip_prefix("effects.")?.split_once('.')?;
     let (_, key) = rest.rsplit_once('.')?;
-    named(name)?.parameters.iter().find(|p| p.key == key)
+    named(name)?.parameters.iter().find(|p| p.key == key || p.sliding_key == key)
 }
 
 /// Smooth sign for friction: v / sqrt(v^2 + width^2), an odd function from -1 to 1. Its maximum slope equals that of

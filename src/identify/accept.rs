@@ -432,19 +432,27 @@ const LOAD_CHANGES: f64 = 1.2;
 /// Takes the accepted set, or a single effect where none was accepted, with a size for each record, if held-out records confirm the
 /// course of the sizes and little more than noise is left then. Returns whether it did.
 pub fn accept_drifting<'a>(found: &mut AcceptedResult<'a>, drifting: &[DriftingNumber<'a>]) -> bool {
-    let has_course = |d: &&DriftingNumber| d.number.course != Course::NoOrder && !is_ordered_by_load(&d.model.problem);
-    for d in drifting.iter().filter(has_course) {
-        let DriftingNumber { number, model, .. } = d;
-        let is_of = |which: &usize| number.path.starts_with(&format!("{}.", placed_path(model, *which)));
-        let Some(which) = (0..model.effects.len()).find(is_of) else { continue };
-        if !is_at_the_floor(model) {
-            continue;
-        }
-        if model.identity() == found.best.identity() {
-            found.best = model.clone();
+    let effect_of = |d: &DriftingNumber| {
+        let is_of = |which: &usize| d.number.path.starts_with(&format!("{}.", placed_path(&d.model, *which)));
+        (0..d.model.effects.len()).find(is_of)
+    };
+    let models: Vec<FittedModel> = drifting.iter().map(|d| d.model.clone()).collect();
+    let effective = best_effective(&models);
+    let mut able: Vec<(f64, usize, &DriftingNumber)> = drifting
+        .iter()
+        .filter(|d| d.number.course != Course::NoOrder && !is_ordered_by_load(&d.model.problem))
+        .filter(|d| is_at_the_floor(&d.model))
+        .filter_map(|d| Some((score(&d.model, &effective), effect_of(d)?, d)))
+        .filter(|(_, which, d)| outside_the_records(&d.model, *which).is_none())
+        .collect();
+    able.sort_by(|a, b| a.0.total_cmp(&b.0));
+    for (_, which, d) in able {
+        let is_single = d.model.effects.len() == 1 && found.best.effects.len() <= 1;
+        if is_single && accept_single(found, d, which, drifting) {
             return true;
         }
-        if found.best.effects.is_empty() && accept_single(found, d, which, drifting) {
+        if d.model.identity() == found.best.identity() {
+            found.best = d.model.clone();
             return true;
         }
     }
@@ -498,7 +506,8 @@ fn accept_single<'a>(
         let is_clear = score(&other.model, &effective) > own_score + CLEAR_SCORE_GAP;
         let [h] = other.model.effects.as_slice() else { continue };
         let is_known = other.model.identity() == model.identity() || rivals.iter().any(|r| r.identity == h.identity());
-        if other.number.course != Course::NoOrder && !is_clear && !is_known {
+        let is_degenerate = outside_the_records(&other.model, 0).is_some();
+        if other.number.course != Course::NoOrder && !is_clear && !is_known && !is_degenerate {
             let (identity, path, score) = (h.identity(), h.path(), score(&other.model, &effective) - own_score);
             let judge_ratio = other.model.residuals().judge_ratio(model.residuals());
             rivals.push(Rival { identity, path, score, judge_ratio });

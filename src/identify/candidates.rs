@@ -85,6 +85,8 @@ pub struct Sizes {
     /// Middle angular frequency of the samples [rad/s].
     rate: f64,
     length_s: f64,
+    /// Orders of every body that stand out of what is left, to be tried beside those of the catalogue.
+    pub orders: Vec<Vec<f64>>,
 }
 
 fn rms(values: &[f64]) -> f64 {
@@ -160,7 +162,7 @@ impl Sizes {
         for (c, channel) in data.channels.iter().enumerate() {
             signal[channel.sensor] = super::problem::spread(data, c).max(1e-12);
         }
-        Sizes { force, speed, tension, signal, input, sample_s, rate: rate(problem), length_s }
+        Sizes { force, speed, tension, signal, input, sample_s, rate: rate(problem), length_s, orders: Vec::new() }
     }
 
     /// Sizes where mean speeds are known without a run, and runs give most other sizes.
@@ -189,7 +191,22 @@ impl Sizes {
         }
         let force = speed.iter().map(|v| if *v > 0.0 && power_w > 0.0 { power_w / v } else { 1.0 }).collect();
         let (tension, input) = (Vec::new(), Vec::new());
-        Sizes { force, speed, tension, signal, input, sample_s, rate: rate(problem), length_s }
+        Sizes { force, speed, tension, signal, input, sample_s, rate: rate(problem), length_s, orders: Vec::new() }
+    }
+
+    /// Values of a whole-numbered parameter that are tried: those of the catalogue, and orders that stand out of what is left.
+    fn with_standing_orders(&self, m: &Machine, target: Target, row: &Parameter) -> Vec<f64> {
+        let body = match target {
+            Target::Body(b) => Some(b),
+            Target::Sensor(s) => m.body_of(s),
+            Target::Input(_) | Target::Spring(_) | Target::Chain(_) | Target::Guide(_) | Target::Span(_) => None,
+        };
+        let mut all = row.starts.to_vec();
+        if row.key == "order" {
+            let standing = body.and_then(|b| self.orders.get(b)).into_iter().flatten();
+            all.extend(standing.filter(|n| (row.low..=row.high).contains(*n) && !row.starts.contains(n)));
+        }
+        all
     }
 
     /// Typical force or torque on a body [N, N m].
@@ -374,7 +391,7 @@ pub fn all(
                     Kind::Shape => {
                         p.starts.iter().map(|s| within(s * scale, p.low * p.unit, p.high * p.unit)).collect()
                     }
-                    Kind::Whole => p.starts.to_vec(),
+                    Kind::Whole => sizes.with_standing_orders(m, target, p),
                     Kind::Index => m.indices(target).unwrap_or_else(|| p.starts.to_vec()),
                     Kind::Phase | Kind::Start | Kind::Given => vec![p.default.unwrap_or(0.0) * p.unit],
                 };

@@ -119,6 +119,61 @@ pub fn diagnose(model: &FittedModel, threads: usize) -> Diagnosis {
     Diagnosis { channels, forces }
 }
 
+/// Highest whole order of a shaft that is looked for before effects are screened, and orders of a body that are kept.
+const HIGHEST_SCREENED: u32 = 64;
+const SCREENED_ORDERS: usize = 3;
+
+/// For every body the whole orders that stand out of the residuals of some channel, the strongest first. Nothing for pulses and for
+/// drives whose links are bodies: their orders are those of teeth, marks and loops.
+pub(super) fn standing_orders(model: &FittedModel, threads: usize) -> Vec<Vec<f64>> {
+    let problem = &model.problem;
+    let m = &problem.machine;
+    let mut found: Vec<Vec<f64>> = vec![Vec::new(); m.bodies.len()];
+    let fitting: Vec<usize> =
+        (0..problem.data.segments.len()).filter(|k| problem.data.segments[*k].judge_from > 0).collect();
+    let is_timed = |k: &usize| matches!(problem.data.segments[*k].task.samples, Samples::Times { .. });
+    if m.period_pitches().is_some() || !fitting.iter().all(is_timed) {
+        return found;
+    }
+    let turning: Vec<usize> =
+        (0..m.bodies.len()).filter(|b| !m.bodies[*b].slides && !m.bodies[*b].path.starts_with("effects.")).collect();
+    let parts: Vec<SegmentResiduals> =
+        parallel(fitting.len(), threads, |i| segment_residuals(problem, &model.fit, fitting[i], &turning))
+            .into_iter()
+            .flatten()
+            .collect();
+    let channels: Vec<(f64, f64)> = (0..problem.channels.len())
+        .map(|c| {
+            let all: Vec<Vec<f64>> = parts.iter().map(|p| p.residuals[c].clone()).collect();
+            let whole: f64 = all.iter().flatten().map(|r| r * r).sum();
+            (whole.max(1e-300), stats::effective(&all).max(1.0))
+        })
+        .collect();
+    let jobs: Vec<(usize, u32)> =
+        (0..turning.len()).flat_map(|i| (1..=HIGHEST_SCREENED).map(move |order| (i, order))).collect();
+    let largest = parallel(jobs.len(), threads, |job| {
+        let (i, order) = jobs[job];
+        let share = |(c, (whole, effective)): (usize, &(f64, f64))| {
+            let lines: Vec<f64> = parts.iter().filter_map(|p| line(p, i, c, f64::from(order))).map(|l| l.0).collect();
+            let share = lines.iter().sum::<f64>() / whole;
+            let by_chance = 2.0 * lines.len() as f64 / effective;
+            if share > MIN_SHARE && share > CHANCE_FACTOR * by_chance { share } else { 0.0 }
+        };
+        channels.iter().enumerate().map(share).fold(0.0, f64::max)
+    });
+    for (i, body) in turning.iter().enumerate() {
+        let mut own: Vec<(f64, f64)> = jobs
+            .iter()
+            .zip(&largest)
+            .filter(|((of, _), share)| *of == i && **share > 0.0)
+            .map(|((_, order), share)| (*share, f64::from(*order)))
+            .collect();
+        own.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.total_cmp(&b.1)));
+        found[*body] = own.into_iter().take(SCREENED_ORDERS).map(|(_, order)| order).collect();
+    }
+    found
+}
+
 /// Returns None if the model cannot simulate this segment.
 fn segment_residuals(problem: &Problem, fit: &Fit, k: usize, bodies: &[usize]) -> Option<SegmentResiduals> {
     let s = &problem.data.segments[k];

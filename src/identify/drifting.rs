@@ -99,7 +99,8 @@ pub fn varying_numbers<'a>(
 ) -> Vec<DriftingNumber<'a>> {
     let is_unordered = |d: &DriftingNumber| d.number.course == Course::NoOrder;
     let mut found = of_model(best, context);
-    let others: Vec<_> = others.iter().flat_map(|m| of_model(m, context)).collect();
+    let others = others.iter().filter(|m| m.identity() != best.identity());
+    let others: Vec<_> = others.flat_map(|m| of_model(m, context)).collect();
     found.extend(others.into_iter().filter(|d| !is_unordered(d)));
     found.sort_by(|a, b| is_unordered(a).cmp(&is_unordered(b)).then(a.left.total_cmp(&b.left)));
     found

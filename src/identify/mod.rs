@@ -76,7 +76,7 @@ impl std::error::Error for DeclaredModelFails {}
 /// The second share counts as another one where it is below this part of the first. Not varied.
 const SAME_SHARE: f64 = 0.8;
 
-/// Single effects that are looked at again where none is accepted: their sizes may differ from record to record.
+/// Single effects that are looked at again where one at most is accepted: their sizes may differ from record to record.
 const LEADS: usize = 12;
 
 /// Runs the whole identification: fits the free numbers of the machine to the records, searches the catalogue of effects for
@@ -112,7 +112,8 @@ pub fn identify(
     let mut has_course = false;
     if !report.explained && !context.must_end() {
         context.report("looking for numbers that differ from record to record");
-        let others = if found.best.effects.is_empty() { &leads[..] } else { &[] };
+        // A single effect may have taken the place of one whose size differs from record to record.
+        let others = if found.best.effects.len() <= 1 { &leads[..] } else { &[] };
         let drifting = drifting::varying_numbers(&found.best, others, context);
         has_course = accept::accept_drifting(&mut found, &drifting);
         if has_course {

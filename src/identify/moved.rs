@@ -28,7 +28,9 @@ pub fn moved_numbers(measurement: &Measurement, declared: &FittedModel, best: &F
         let path = declared.problem.machine.slots[g.slot].path.clone();
         let times = if g.law.logarithm { libm::exp(to - from) } else { g.law.value(*to) / g.law.value(*from) };
         let moved = format!("the fit has moved `{path}` to {times:.3} times the file's value");
-        let (far, why) = match g.prior {
+        let own = measurement.fit.iter().find(|f| f.path == path);
+        let stated = g.prior.filter(|_| own.is_some_and(|f| f.spread.is_some()));
+        let (far, why) = match stated {
             None => (
                 g.law.logarithm && (from - to).abs() > IMPLAUSIBLE_CHANGE,
                 ": it may hide a missing effect; `low` and `high`, or `spread_percent`, would limit it".to_string(),
@@ -41,11 +43,10 @@ pub fn moved_numbers(measurement: &Measurement, declared: &FittedModel, best: &F
                 (off > SURPRISING, why)
             }
         };
-        let own = measurement.fit.iter().find(|f| f.path == path);
         let has_range = own.is_some_and(|f| f.low.is_some() || f.high.is_some());
         // A load is small where an effect takes its place.
         let is_load = path.starts_with("loads.");
-        let is_implausible = g.prior.is_none() && !has_range && !is_load;
+        let is_implausible = stated.is_none() && !has_range && !is_load;
         far.then(|| MovedNumber { path, text: moved + &why, is_implausible })
     };
     numbers.filter_map(text).collect()

@@ -5,6 +5,7 @@
 //! sets are examined, held-out data decide which are accepted.
 
 use super::candidates::{self, Hypothesis, Sizes};
+use super::diagnosis::standing_orders;
 use super::fit::{Fit, FitOptions, fit, parallel};
 use super::inverse;
 use super::judge;
@@ -140,7 +141,9 @@ pub fn declared<'a>(
             low: if logarithm { low.max(value * 1e-9) } else { low },
             high,
         };
-        let prior = spec.spread.map(|spread| (law.scaled(value), spread));
+        let is_open = logarithm && spec.low.is_none() && spec.high.is_none();
+        let spread = spec.spread.or(is_open.then_some(DEFAULT_SPREAD));
+        let prior = spread.map(|spread| (law.scaled(value), spread));
         match spec.scope {
             FitScope::All => globals.push(Global { slot, record: None, law, prior }),
             FitScope::Record => {
@@ -183,6 +186,10 @@ pub fn declared<'a>(
     }
     problem
 }
+
+/// Standard deviation of the logarithm of a positive number of which the measurement file says neither how well it is known nor where it
+/// lies: a factor of 2, about what an estimate by hand is worth.
+const DEFAULT_SPREAD: f64 = std::f64::consts::LN_2;
 
 /// A positive parameter is searched within this factor of the file's value, unless the measurement gives a range.
 /// Without a limit, a poorly determined damping grows until every run takes hundreds of steps a sample.
@@ -546,7 +553,8 @@ struct ScreenedHypotheses {
 }
 
 fn screened(spec: &CandidateSpec, model: &FittedModel, base: &LinearisedBase, context: &Context) -> ScreenedHypotheses {
-    let sizes = Sizes::new(&model.problem, &model.fit.point);
+    let mut sizes = Sizes::new(&model.problem, &model.fit.point);
+    sizes.orders = standing_orders(model, context.threads);
     let slots: Vec<usize> = model.problem.globals.iter().map(|g| g.slot).collect();
     let (m, data) = (&model.problem.machine, model.problem.data);
     let mut left_out = Vec::new();
