@@ -21,8 +21,14 @@ struct Disc<'a> {
     drive: &'a dyn Fn(f64, f64) -> f64,
     /// Dry friction at a time of the record.
     friction: &'a dyn Fn(f64) -> f64,
+    /// Torque on the disc at an angle of it.
+    cogging: &'a dyn Fn(f64) -> f64,
     /// Angle over which the friction bends before it slips; 0: none.
     slip: f64,
+    /// What the tachometer shows at an angle and a speed.
+    tachometer: &'a dyn Fn(f64, f64) -> f64,
+    /// Inertia in the drive file [kg m2].
+    declared_inertia: f64,
     /// Noise of the measured torque, and of the measured speed.
     noise: (f64, f64),
     is_controlled: bool,
@@ -39,10 +45,10 @@ fn records(folder: &Path, disc: &Disc, declared: &str) -> PathBuf {
     let (mut files, mut all) = (String::new(), String::new());
     for (k, name) in ["a", "b", "c", "d"].into_iter().enumerate() {
         let mut text = String::from("torque,speed\n");
-        let (mut v, mut z, mut past, mut torque) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
+        let (mut q, mut v, mut z, mut past, mut torque) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
         for i in 0..800 {
             let t = f64::from(i) * SAMPLE_S;
-            let shown = v + disc.noise.1 * gauss(&mut random);
+            let shown = (disc.tachometer)(q, v) + disc.noise.1 * gauss(&mut random);
             if disc.is_controlled {
                 let wanted = 6.0 * (1.5 * t + k as f64).sin() + 3.0 * (4.3 * t).sin();
                 past += SAMPLE_S * (wanted - shown);
@@ -54,7 +60,7 @@ fn records(folder: &Path, disc: &Disc, declared: &str) -> PathBuf {
             for step in 0..50 {
                 let h = SAMPLE_S / 50.0;
                 let friction = (disc.friction)(t + f64::from(step) * h);
-                let driven = (disc.drive)(torque, v) - VISCOUS * v;
+                let driven = (disc.drive)(torque, v) + (disc.cogging)(q) - VISCOUS * v;
                 if disc.slip > 0.0 {
                     z += h * (v - v.abs() * z) / disc.slip;
                     v += h * (driven - friction * z) / INERTIA;
@@ -62,6 +68,7 @@ fn records(folder: &Path, disc: &Disc, declared: &str) -> PathBuf {
                     let (free, stop) = (v + h * driven / INERTIA, h * friction / INERTIA);
                     v = if free.abs() <= stop { 0.0 } else { free - stop * free.signum() };
                 }
+                q += h * v;
             }
         }
         std::fs::write(folder.join(format!("{name}.csv")), text).expect("written");
@@ -70,8 +77,9 @@ fn records(folder: &Path, disc: &Disc, declared: &str) -> PathBuf {
         all += &format!("[records.{name}]\nfile = \"{name}\"\nuse = \"{usage}\"\nrate_hz = {}\n", 1.0 / SAMPLE_S);
     }
     let drive = format!(
-        "fidelity = \"lumped\"\n[rotors.disc]\ninertia_kg_m2 = 0.055\n[loads.viscous.disc]\ntorque_nm_s_per_rad = 0.1\n{declared}\
-         [inputs.torque.disc]\n[sensors.tachometer.disc]\n"
+        "fidelity = \"lumped\"\n[rotors.disc]\ninertia_kg_m2 = {}\n[loads.viscous.disc]\ntorque_nm_s_per_rad = 0.1\n{declared}\
+         [inputs.torque.disc]\n[sensors.tachometer.disc]\n",
+        disc.declared_inertia
     );
     std::fs::write(folder.join("rig.toml"), drive).expect("written");
     let text = format!(
@@ -98,7 +106,16 @@ fn size(r: &IdentificationReport, key: &str) -> f64 {
     all.into_iter().find(|p| p.path.ends_with(key)).unwrap_or_else(|| panic!("no {key}")).value
 }
 
-const PLAIN: Disc = Disc { drive: &|u, _| u, friction: &|_| 0.0, slip: 0.0, noise: (0.0, 0.02), is_controlled: false };
+const PLAIN: Disc = Disc {
+    drive: &|u, _| u,
+    friction: &|_| 0.0,
+    cogging: &|_| 0.0,
+    slip: 0.0,
+    tachometer: &|_, v| v,
+    declared_inertia: 0.055,
+    noise: (0.0, 0.02),
+    is_controlled: false,
+};
 
 /// A controller answers the noise of its own tachometer, and the torque is measured with noise of 0.1 N m: simulated, its sum walks away from the
 /// records, and nothing is white. Predicted from sample to sample, what is left is noise.
@@ -163,4 +180,26 @@ fn friction_that_bends_before_it_slips_is_named() {
     assert_eq!((r.outcome, paths(&r)), (IdentificationVerdict::Named, vec!["effects.presliding_friction.disc"]));
     assert!((size(&r, "torque_nm") - 0.5).abs() < 0.02, "{}", size(&r, "torque_nm"));
     assert!((size(&r, "slip_rad") - 0.5).abs() < 0.05, "{}", size(&r, "slip_rad"));
+}
+
+/// A tachometer whose error goes round seven times a turn: an order that the catalogue does not list.
+#[test]
+fn an_order_that_stands_out_of_the_residuals_is_named() {
+    let disc = Disc { tachometer: &|q, v| v * (1.0 + 0.04 * (7.0 * q + 1.0).cos()), ..PLAIN };
+    let r = report(&disc, "");
+    assert_eq!(paths(&r), ["effects.encoder_error.disc"]);
+    assert_eq!(size(&r, "order"), 7.0);
+    // 0.04 / 7 rad.
+    assert!((size(&r, "amplitude_deg") / 0.3274 - 1.0).abs() < 0.02, "{}", size(&r, "amplitude_deg"));
+}
+
+/// Teeth of a motor that hold the disc now and then, and an inertia sixteen times too small in the file: a simulation of whole records finds no way
+/// from there, short memory does.
+#[test]
+fn cogging_is_named_although_the_inertia_is_sixteen_times_wrong() {
+    let disc = Disc { cogging: &|q| 0.8 * (8.0 * q + 2.0).sin(), declared_inertia: INERTIA / 16.0, ..PLAIN };
+    let r = report(&disc, "");
+    assert_eq!(paths(&r), ["effects.torque_ripple.disc"]);
+    assert!((size(&r, "torque_nm") / 0.8 - 1.0).abs() < 0.02, "{}", size(&r, "torque_nm"));
+    assert!((r.numbers_after[0].value / INERTIA - 1.0).abs() < 0.02, "{:?}", r.numbers_after[0]);
 }

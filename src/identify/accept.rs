@@ -264,6 +264,7 @@ pub fn accept<'a>(
         alike,
         hypotheses,
         is_settled,
+        is_lost: _,
         cut_short,
     } = searched;
     let (mut best, mut evidence) = first_confirmed_set(&declared, &all, &effective, own, context, &mut trials);

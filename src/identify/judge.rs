@@ -4,6 +4,7 @@ use super::fit::{Fit, FitOptions, fit};
 use super::problem::{Point, Problem};
 use super::stats;
 use crate::measurement::segments::{Data, RecordSegment};
+use std::collections::BTreeSet;
 
 /// Unweighted residuals in the unit in which channels are compared, channel by channel and segment by segment.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -57,28 +58,66 @@ pub fn fit_held_out<'a>(
         }
     }
     held.globals = kept;
+    let phases: Vec<usize> = (0..held.globals.len()).filter(|g| is_phase(&held, *g)).collect();
+    // Records that begin in one state have one phase.
+    for g in &phases {
+        start[*g] = mean_phase(problem, found, held.globals[*g].slot).unwrap_or(start[*g]);
+    }
     let mut point = Point { globals: start, locals: held.start().locals };
     held.find_start_positions(&mut point, threads);
     held.reverse_better_starts(&mut point, threads);
     let options = FitOptions { iterations: 30, threads };
-    let mut best = fit(&held, &point, options);
-    // A phase may have started on the wrong side of its circle.
-    let phases: Vec<usize> = (0..held.globals.len())
-        .filter(|g| held.machine.slots[held.globals[*g].slot].path.ends_with("phase_deg"))
-        .collect();
-    if !phases.is_empty() {
-        for turn in 1..4 {
-            let mut turned = best.point.clone();
-            for g in &phases {
-                turned.globals[*g] += f64::from(turn) * std::f64::consts::FRAC_PI_2;
-            }
-            let other = fit(&held, &turned, options);
-            if other.cost < best.cost {
-                best = other;
+    let first = fit(&held, &point, options);
+    if phases.is_empty() {
+        return Some((held, first.point));
+    }
+    // A phase may have started on the wrong side of its circle. Nothing joins the records here, so that each takes its own best.
+    let cost = |of: &Fit, record: usize| -> f64 {
+        let own = own.segments.iter().zip(&of.residuals).filter(|(s, _)| s.record == record);
+        own.map(|(_, r)| r.iter().map(|r| r * r).sum::<f64>()).sum()
+    };
+    let records: BTreeSet<usize> = own.segments.iter().map(|s| s.record).collect();
+    let mut least: Vec<(usize, f64)> = records.iter().map(|r| (*r, cost(&first, *r))).collect();
+    let mut best = first.point.clone();
+    for turn in 1..4 {
+        let mut turned = first.point.clone();
+        for g in &phases {
+            turned.globals[*g] += f64::from(turn) * std::f64::consts::FRAC_PI_2;
+        }
+        let other = fit(&held, &turned, options);
+        for (record, least) in &mut least {
+            let own_cost = cost(&other, *record);
+            if own_cost < *least {
+                *least = own_cost;
+                for g in (0..held.globals.len()).filter(|g| held.globals[*g].record == Some(*record)) {
+                    best.globals[g] = other.point.globals[g];
+                }
+                for (k, _) in own.segments.iter().enumerate().filter(|(_, s)| s.record == *record) {
+                    best.locals[k].clone_from(&other.point.locals[k]);
+                }
             }
         }
     }
-    Some((held, best.point))
+    Some((held, best))
+}
+
+fn is_phase(problem: &Problem, global: usize) -> bool {
+    problem.machine.slots[problem.globals[global].slot].path.ends_with("phase_deg")
+}
+
+/// Mean, on the circle, of a phase in the records to which it was fitted; None: there are none, or they lie all round.
+fn mean_phase(problem: &Problem, found: &Fit, slot: usize) -> Option<f64> {
+    let is_fitted = |record: usize| problem.data.segments.iter().any(|s| s.record == record && s.judge_from > 0);
+    let globals = problem.globals.iter().zip(&found.point.globals);
+    let fitted = globals.filter(|(g, _)| g.slot == slot && g.record.is_some_and(is_fitted));
+    let (mut east, mut north, mut count) = (0.0, 0.0, 0.0);
+    for (g, x) in fitted {
+        let phase = g.law.value(*x);
+        east += libm::cos(phase);
+        north += libm::sin(phase);
+        count += 1.0;
+    }
+    (count > 0.0 && libm::hypot(east, north) > 0.5 * count).then(|| libm::atan2(north, east))
 }
 
 /// Unweighted residuals of the fitted data, channel by channel and segment by segment.

@@ -92,14 +92,19 @@ pub fn identify(
     context: &Context,
 ) -> Result<IdentificationReport, DeclaredModelFails> {
     let own = judge::held_out_segments(data);
-    let problem = search::declared(measurement, &machine.for_noise(noise_of_sensors(machine, data)), data, context);
+    let named = machine.for_noise(noise_of_sensors(machine, data));
+    let problem = search::declared(measurement, &named, data, context);
     let start = problem.start();
     for (k, s) in data.segments.iter().enumerate() {
         if let Err(cause) = problem.model(k, &start.globals, &start.locals[k], false) {
             return Err(DeclaredModelFails { record: data.records[s.record].clone(), cause });
         }
     }
+    let records_on_the_way = Default::default();
     let searched = search::search(measurement, problem, &own, context);
+    let (searched, mut begun) =
+        predict::from_short_memory(measurement, (&named, &own), searched, &records_on_the_way, context);
+    let is_final = begun.as_ref().is_some_and(|b| b.is_final);
     let leads = single_effects(&searched);
     let again = searched.is_settled.then(|| searched.declared.clone());
     let mut found = accept::accept(searched, None, &own, context);
@@ -127,20 +132,24 @@ pub fn identify(
     let noisy: [OnceCell<(Data, Data)>; 2] = Default::default();
     for records in &noisy {
         let last = report.prediction.as_ref().map(|p| p.share);
-        if context.must_end() || has_course || report.explained && last.is_none() {
+        let is_done = has_course || report.explained && last.is_none() || is_final && last.is_some();
+        if context.must_end() || is_done {
             break;
         }
-        let Some(share) = predict::share(&found.best, context) else { break };
-        if last.is_some_and(|last| share > SAME_SHARE * last) {
-            break;
-        }
-        let (noisy, held_out) = records.get_or_init(|| {
-            let noisy = predict::records(data, machine, share);
-            let held_out = judge::held_out_segments(&noisy);
-            (noisy, held_out)
-        });
-        let named = machine.for_noise(noise_of_sensors(machine, data));
-        let predicted = predict::search(measurement, (&named, noisy, held_out), &found.best, share, context);
+        let (share, searched) = match begun.take() {
+            Some(begun) => (begun.share, begun.searched),
+            None => {
+                let Some(share) = predict::share(&found.best, context) else { break };
+                if last.is_some_and(|last| share > SAME_SHARE * last) {
+                    break;
+                }
+                let (noisy, held_out) = records.get_or_init(|| predict::noisy_records(data, machine, share));
+                (share, predict::search(measurement, (&named, noisy, held_out), &found.best, share, context))
+            }
+        };
+        let noisy = searched.declared.problem.data;
+        let held_out = searched.declared.own;
+        let predicted = accept::accept(searched, Some(&found.best), held_out, context);
         if context.must_end() {
             let cut = "the search ended before all was predicted: names and errors are those of the way before";
             report.warnings.push(cut.into());

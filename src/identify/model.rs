@@ -203,12 +203,10 @@ pub fn fit_model<'a>(
     FittedModel::new(problem, found, effects, own, threads)
 }
 
-/// Score of a model: deviance on the fitted data, what its numbers cost that have left the file's values, and a penalty for each parameter
-/// of an effect. Smaller is better.
+/// Score of a model: deviance on the fitted data plus a penalty for each parameter. Smaller is better.
 pub fn score(model: &FittedModel, effective: &[f64]) -> f64 {
     let n: f64 = effective.iter().sum();
-    let moved = priors(&model.problem, &model.fit.point);
-    judge::deviance(&model.fit_residuals, effective) + moved + model.freedom() as f64 * libm::log(n.max(2.0))
+    judge::deviance(&model.fit_residuals, effective) + model.freedom() as f64 * libm::log(n.max(2.0))
 }
 
 /// The model with one more hypothesis, fitted.

@@ -9,14 +9,14 @@
 //! then is white if it lacks nothing but such a force. The prediction decides where the simulation ends above the noise, or with a rest that is
 //! not white, and where it errs clearly less. What stands by one of both ways alone is told.
 
-use super::accept::{AcceptedResult, accept};
-use super::candidates::Sizes;
+use super::accept::AcceptedResult;
+use super::candidates::{Hypothesis, Sizes};
 use super::fit::{FitOptions, fit};
 use super::judge;
 use super::model::{FIT_ITERATIONS, FittedModel, fit_model, refitted};
-use super::problem::Problem;
+use super::problem::{Point, Problem};
 use super::report::ChannelError;
-use super::search::{self, Context};
+use super::search::{self, Context, SearchResult};
 use super::stats;
 use crate::effects::{Physics, sign_blind};
 use crate::machine::simulate::{Samples, speed_share};
@@ -24,6 +24,7 @@ use crate::machine::{BodyMotion, InputKind, Machine, Reads};
 use crate::measurement::Measurement;
 use crate::measurement::segments::{Data, MeasuredChannel};
 use serde::Serialize;
+use std::cell::OnceCell;
 
 /// Shares that are tried, and then those halfway to the neighbours of the best. Beyond the last the model would hardly be held against more than
 /// the sample before.
@@ -91,30 +92,34 @@ pub(super) fn share(best: &FittedModel, context: &Context) -> Option<f64> {
         return None;
     }
     context.report("prediction: choosing how much is corrected");
-    let error = |share: f64| {
+    let fitted = |share: f64, from: &Point| {
         let problem = Problem { correction: share, ..best.problem.clone() };
-        let found = fit(&problem, &best.fit.point, FitOptions { iterations: ITERATIONS, threads: context.threads });
-        judge::mean_error(&judge::fitted_residuals(&problem, &found))
+        let found = fit(&problem, from, FitOptions { iterations: ITERATIONS, threads: context.threads });
+        (judge::mean_error(&judge::fitted_residuals(&problem, &found)), found.point)
     };
-    let mut least =
-        WORTH_IT * if best.problem.correction > 0.0 { error(0.0) } else { judge::mean_error(&best.fit_residuals) };
-    let mut chosen: Option<usize> = None;
-    for (i, share) in SHARES.into_iter().enumerate() {
-        let own = error(share);
+    let error = |share: f64, from: &Point| fitted(share, from).0;
+    let own = &best.fit.point;
+    let simulated =
+        if best.problem.correction > 0.0 { error(0.0, own) } else { judge::mean_error(&best.fit_residuals) };
+    // From the largest, whose error has fewest minima, each from the numbers of the one before.
+    let (mut least, mut chosen, mut from): (f64, Option<usize>, _) = (WORTH_IT * simulated, None, own.clone());
+    for (i, share) in SHARES.into_iter().enumerate().rev() {
+        let (error, point) = fitted(share, &from);
         if context.must_end() {
             return None;
         }
-        if own < least {
-            (least, chosen) = (own, Some(i));
+        if error < least {
+            (least, chosen) = (error, Some(i));
         } else if chosen.is_some() {
             break;
         }
+        from = point;
     }
     let at = chosen?;
     let neighbours = [at.checked_sub(1), Some(at + 1)].into_iter().flatten().filter_map(|i| SHARES.get(i));
     let mut share = SHARES[at];
     for between in neighbours.map(|other| libm::sqrt(other * SHARES[at])) {
-        let own = error(between);
+        let own = error(between, &from);
         if own < least && !context.must_end() {
             (least, share) = (own, between);
         }
@@ -122,13 +127,15 @@ pub(super) fn share(best: &FittedModel, context: &Context) -> Option<f64> {
     Some(share)
 }
 
-/// The records, with the noise that predictions have at best: that of the channel and what is not known of the state.
-pub(super) fn records(data: &Data, m: &Machine, share: f64) -> Data {
+/// The records and their held-out segments, with the noise that predictions have at best: that of the channel and what is not known of the
+/// state.
+pub(super) fn noisy_records(data: &Data, m: &Machine, share: f64) -> (Data, Data) {
     let mut noisy = data.clone();
     for channel in noisy.channels.iter_mut().filter(|c| corrects(m, c.sensor)) {
         channel.noise /= libm::sqrt(1.0 - share);
     }
-    noisy
+    let held_out = judge::held_out_segments(&noisy);
+    (noisy, held_out)
 }
 
 /// The whole search once more, by prediction. The set that the simulation has found takes part.
@@ -138,7 +145,7 @@ pub(super) fn search<'a>(
     simulated: &FittedModel<'a>,
     share: f64,
     context: &'a Context<'a>,
-) -> AcceptedResult<'a> {
+) -> SearchResult<'a> {
     context.report("prediction: fitting the declared model");
     let problem = Problem { correction: share, ..search::declared(measurement, machine, data, context) };
     let mut declared = search::baseline(problem, own, context);
@@ -155,8 +162,129 @@ pub(super) fn search<'a>(
     if !all.is_empty() {
         prepared.push(refitted(&declared, simulated, &all, None, own, context.threads, FIT_ITERATIONS));
     }
-    let searched = search::search_from(measurement, declared, (Vec::new(), prepared), own, context);
-    accept(searched, Some(simulated), own, context)
+    search::search_from(measurement, declared, (Vec::new(), prepared), own, context)
+}
+
+/// Error over the noise from which on a simulation may stand in a wrong minimum.
+const LOST: f64 = 5.0;
+/// Factor by which the share falls on the way from a prediction to a simulation, and the share from which the simulation is the next.
+const SHARE_FALLS: f64 = 5.0;
+const LEAST_SHARE: f64 = 0.002;
+/// Error over the least that a smaller share may have: it tells more.
+const NO_WORSE: f64 = 1.02;
+
+/// Whether a simulation errs by so much that a prediction may know a better start for it.
+pub(super) fn is_lost(model: &FittedModel) -> bool {
+    model.problem.correction == 0.0 && is_possible(&model.problem) && errs_by_more_than(model, LOST)
+}
+
+/// Whether some channel errs by more than a multiple of its noise.
+fn errs_by_more_than(model: &FittedModel, times: f64) -> bool {
+    let mut channels = model.problem.data.channels.iter().zip(&model.fit_residuals);
+    channels.any(|(c, left)| stats::rms(left) > times * c.noise)
+}
+
+/// A search by prediction that was made where the simulation is lost.
+pub(super) struct BegunPrediction<'a> {
+    /// Share of the differences that the state takes.
+    pub share: f64,
+    /// Whether this is the least share with which predictions err little, so that no other need be chosen.
+    pub is_final: bool,
+    pub searched: SearchResult<'a>,
+}
+
+/// The search by simulation, from what predictions give where it is lost; and the search by prediction, where the simulation follows the records
+/// no better from there.
+pub(super) fn from_short_memory<'a>(
+    measurement: &Measurement,
+    (machine, own): (&Machine, &'a Data),
+    searched: SearchResult<'a>,
+    records: &'a [OnceCell<(Data, Data)>; 2],
+    context: &'a Context<'a>,
+) -> (SearchResult<'a>, Option<BegunPrediction<'a>>) {
+    match start(measurement, (machine, own), &searched, records, context) {
+        None => (searched, None),
+        Some(PredictedStart::Simulation(simulated)) => (simulated, None),
+        Some(PredictedStart::Prediction(begun)) => {
+            let is_explained = begun.searched.all.first().is_some_and(FittedModel::is_noise_alone);
+            if !searched.is_lost || is_explained || context.must_end() {
+                return (searched, Some(begun));
+            }
+            // Neither way knows better: the rounds that were left out.
+            let set = searched.all.first().filter(|m| !m.effects.is_empty()).cloned().into_iter().collect();
+            let further = search::search_from(measurement, searched.declared, (set, Vec::new()), own, context);
+            (further, Some(begun))
+        }
+    }
+}
+
+/// What predictions give where the simulation is lost.
+enum PredictedStart<'a> {
+    /// A simulation that follows the records.
+    Simulation(SearchResult<'a>),
+    Prediction(BegunPrediction<'a>),
+}
+
+/// Searches by prediction where the simulation is lost. A prediction forgets where it came from, so that its error has fewer minima: it is to a
+/// simulation what short stretches of the records are to long ones. The share that errs least while effects are missing hides them, so that it
+/// then falls step by step, and what it has hidden is searched at each. It ends at a simulation, if that follows the records; or before, where
+/// a motion is too sensitive to its start, or where a force acts that nobody measures.
+fn start<'a>(
+    measurement: &Measurement,
+    (machine, own): (&Machine, &'a Data),
+    searched: &SearchResult<'a>,
+    [first_records, last_records]: &'a [OnceCell<(Data, Data)>; 2],
+    context: &'a Context<'a>,
+) -> Option<PredictedStart<'a>> {
+    let best = searched.all.first()?;
+    if !is_lost(best) || context.must_end() {
+        return None;
+    }
+    let share = share(best, context)?;
+    let data = best.problem.data;
+    let by_prediction = |records: &'a OnceCell<(Data, Data)>, set: &FittedModel<'a>, share: f64| {
+        let (noisy, held_out) = records.get_or_init(|| noisy_records(data, machine, share));
+        search(measurement, (machine, noisy, held_out), set, share, context)
+    };
+    let predicted = by_prediction(first_records, best, share);
+    let mut begun = BegunPrediction { share, is_final: false, searched: predicted };
+    let set = begun.searched.all.first()?;
+    let mut problem = Problem { data, ..set.problem.clone() };
+    problem.weights = data.channels.iter().map(|c| c.noise.max(1e-12)).collect();
+    let fitted = |problem: Problem<'a>, point: &Point, effects: &[Hypothesis]| {
+        fit_model(problem, point, own, effects.to_vec(), context.threads, FIT_ITERATIONS)
+    };
+    let error = |m: &FittedModel| judge::mean_error(&m.fit_residuals);
+    let mut model = fitted(problem, &set.fit.point, &set.effects);
+    let mut least = model.is_near_the_floor().then(|| model.clone());
+    while model.problem.correction > 0.0 && !context.must_end() {
+        context.report("prediction: on the way to a simulation");
+        let share = if model.problem.correction > LEAST_SHARE { model.problem.correction / SHARE_FALLS } else { 0.0 };
+        model = fitted(Problem { correction: share, ..model.problem.clone() }, &model.fit.point, &model.effects);
+        if !model.is_near_the_floor() && share > 0.0 {
+            let searched = search(measurement, (machine, data, own), &model, share, context);
+            model = searched.all.into_iter().next()?;
+        }
+        if !model.is_near_the_floor() {
+            break;
+        }
+        if least.as_ref().is_none_or(|least| error(&model) < NO_WORSE * error(least)) {
+            least = Some(model.clone());
+        }
+    }
+    let Some(model) = least.filter(|_| !context.must_end()) else { return Some(PredictedStart::Prediction(begun)) };
+    let last = model.problem.correction;
+    if last == 0.0 {
+        let from = |declared, set| search::search_from(measurement, declared, (set, Vec::new()), own, context);
+        return Some(PredictedStart::Simulation(match model.effects.is_empty() {
+            true => from(model, Vec::new()),
+            false => from(searched.declared.clone(), vec![model]),
+        }));
+    }
+    if last < share {
+        begun = BegunPrediction { share: last, is_final: true, searched: by_prediction(last_records, &model, last) };
+    }
+    Some(PredictedStart::Prediction(begun))
 }
 
 /// Paths of the accepted effects, each with those that cannot be told from it.

@@ -10,6 +10,7 @@ use super::fit::{Fit, FitOptions, fit, parallel};
 use super::inverse;
 use super::judge;
 use super::model::{FIT_ITERATIONS, FittedModel, fit_model, score, with_shapes_beyond};
+use super::predict;
 use super::problem::{FitEnding, Global, Law, Point, Problem};
 use super::screen::{LinearisedBase, ScreeningResult, screen};
 use super::settled;
@@ -109,11 +110,15 @@ pub struct SearchResult<'a> {
     pub hypotheses: Vec<Hypothesis>,
     /// Whether the search began at a set from inverse dynamics, so that few hypotheses were fitted.
     pub is_settled: bool,
+    /// Whether it ended before its last round, because a prediction may know a better start.
+    pub is_lost: bool,
     pub cut_short: bool,
 }
 
 /// A set whose score is worse than the best by more than this is dropped.
 const MAX_SCORE_GAP: f64 = 60.0;
+/// Rounds after which a search that is still far from the noise is left to a prediction.
+const LOST_AFTER: usize = 2;
 /// An effect with a smaller score gain is not examined further: positive evidence after Kass and Raftery 1995, no more.
 /// Held-out data, shams and standard errors are stricter conditions that it must also meet.
 pub const MIN_SCORE_GAIN: f64 = 3.0;
@@ -141,7 +146,9 @@ pub fn declared<'a>(
             low: if logarithm { low.max(value * 1e-9) } else { low },
             high,
         };
-        let is_open = logarithm && spec.low.is_none() && spec.high.is_none();
+        // A load of the file may be taken over by an effect, which is then as good a place for it.
+        let is_load = spec.path.starts_with("loads.");
+        let is_open = logarithm && !is_load && spec.low.is_none() && spec.high.is_none();
         let spread = spec.spread.or(is_open.then_some(DEFAULT_SPREAD));
         let prior = spread.map(|spread| (law.scaled(value), spread));
         match spec.scope {
@@ -271,7 +278,7 @@ pub fn search_from<'a>(
     // Sets that were fitted: starting near the file's parameters, and far from them.
     let mut seen: [Vec<Vec<String>>; 2] = [vec![Vec::new()], vec![Vec::new()]];
     let file = declared.problem.start();
-    let mut cut_short = false;
+    let (mut cut_short, mut is_lost) = (false, false);
     let effort = declared.problem.machine.effort();
     for round in first_round..=effort.effects {
         let mut next: Vec<FittedModel<'a>> = Vec::new();
@@ -342,6 +349,10 @@ pub fn search_from<'a>(
         if cut_short || beam[0].is_noise_alone() {
             break;
         }
+        is_lost = round >= LOST_AFTER && !is_settled && predict::is_lost(&beam[0]);
+        if is_lost {
+            break;
+        }
     }
     let sorted = |all: &mut Vec<FittedModel<'a>>| {
         let effective = best_effective(all);
@@ -356,7 +367,19 @@ pub fn search_from<'a>(
         all.iter().take(REFITTED_SETS).filter_map(|m| from_the_file(&declared, m, own, context)).collect();
     all.extend(again);
     let effective = sorted(&mut all);
-    SearchResult { declared, all, effective, trials, reasons, detectable, alike, hypotheses, is_settled, cut_short }
+    SearchResult {
+        declared,
+        all,
+        effective,
+        trials,
+        reasons,
+        detectable,
+        alike,
+        hypotheses,
+        is_settled,
+        is_lost,
+        cut_short,
+    }
 }
 
 /// The declared model, and the sets that inverse dynamics gives, all fitted as simulations.
