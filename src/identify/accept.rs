@@ -430,7 +430,7 @@ const MOST_TIMES_FLOOR: f64 = 1.5;
 /// Records whose inputs grow or fall in their order by this factor may differ by their load, and not by their order.
 const LOAD_CHANGES: f64 = 1.2;
 
-/// Takes the accepted set, or a single effect where none was accepted, with a size for each record, if held-out records confirm the
+/// Takes the accepted set, or a single effect where none was accepted or one that is worse, with a size for each record, if held-out records confirm the
 /// course of the sizes and little more than noise is left then. Returns whether it did.
 pub fn accept_drifting<'a>(found: &mut AcceptedResult<'a>, drifting: &[DriftingNumber<'a>]) -> bool {
     let effect_of = |d: &DriftingNumber| {
@@ -502,6 +502,12 @@ fn accept_single<'a>(
         return false;
     }
     let own_score = score(model, &effective);
+    let before = &found.best;
+    let takes_a_place = !before.effects.is_empty() && before.identity() != model.identity();
+    let charged = own_score + more * libm::log(effective.iter().sum::<f64>().max(2.0));
+    if takes_a_place && charged > score(before, &effective) - MIN_SCORE_GAIN {
+        return false;
+    }
     let mut rivals: Vec<Rival> = Vec::new();
     for other in drifting {
         let is_clear = score(&other.model, &effective) > own_score + CLEAR_SCORE_GAP;
@@ -515,6 +521,10 @@ fn accept_single<'a>(
         }
     }
     let id = model.effects[which].identity();
+    let replaced = found.best.identity();
+    let is_replaced = |t: &&mut Trial| takes_a_place && t.beside.is_empty() && replaced == [t.identity.as_str()];
+    let why = format!("{id}, with a size for each record, is better");
+    found.trials.iter_mut().filter(is_replaced).for_each(|t| t.why.clone_from(&why));
     let own = |t: &&mut Trial| t.identity == id && t.beside.is_empty() && t.rms_fit.is_some();
     found.trials.iter_mut().filter(own).for_each(|t| t.why = "accepted, with a size for each record".into());
     found.rivals = vec![rivals];

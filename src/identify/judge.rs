@@ -61,7 +61,8 @@ pub fn fit_held_out<'a>(
     let phases: Vec<usize> = (0..held.globals.len()).filter(|g| is_phase(&held, *g)).collect();
     // Records that begin in one state have one phase.
     for g in &phases {
-        start[*g] = mean_phase(problem, found, held.globals[*g].slot).unwrap_or(start[*g]);
+        let mean = mean_phase(problem, found, held.globals[*g].slot);
+        start[*g] = mean.map_or(start[*g], |mean| held.globals[*g].law.scaled(mean));
     }
     let mut point = Point { globals: start, locals: held.start().locals };
     held.find_start_positions(&mut point, threads);

@@ -109,7 +109,7 @@ pub fn identify(
     let again = searched.is_settled.then(|| searched.declared.clone());
     let mut found = accept::accept(searched, None, &own, context);
     if let Some(declared) = again.filter(|_| found.best.effects.is_empty() && !context.must_end()) {
-        // What inverse dynamics had settled does not stand.
+        // What inverse dynamics or a prediction had settled does not stand.
         let searched = search::search_from(measurement, declared, (Vec::new(), Vec::new()), &own, context);
         found = accept::accept(searched, None, &own, context);
     }
@@ -158,7 +158,7 @@ pub fn identify(
         let simulated = report.prediction.take().map_or_else(|| report.error_after.clone(), |p| p.simulated);
         let both = predict::compared(&predicted, &found, simulated, share);
         let mut second = report::report(measurement, noisy, &predicted);
-        second.explained &= predict::is_small(&predicted.best, &both);
+        second.explained &= predict::is_small(&predicted.best, &both.unmeasured);
         if second.effects.is_empty() && !second.explained && !report.effects.is_empty() {
             let alone = "prediction finds none of these effects, and leaves something too";
             report.doubts.push(alone.into());

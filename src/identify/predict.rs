@@ -86,7 +86,7 @@ fn corrects(m: &Machine, sensor: usize) -> bool {
     }
 }
 
-/// The share with the least error of prediction; None: the simulation is as good.
+/// The share at which the error of prediction, from the largest share down, is least for the first time; None: the simulation is as good.
 pub(super) fn share(best: &FittedModel, context: &Context) -> Option<f64> {
     if !is_possible(&best.problem) {
         return None;
@@ -170,8 +170,10 @@ const LOST: f64 = 5.0;
 /// Factor by which the share falls on the way from a prediction to a simulation, and the share from which the simulation is the next.
 const SHARE_FALLS: f64 = 5.0;
 const LEAST_SHARE: f64 = 0.002;
-/// Error over the least that a smaller share may have: it tells more.
+/// A smaller share tells more. It is kept if its error is at most this multiple of that of the last share that was kept.
 const NO_WORSE: f64 = 1.02;
+/// Up to this multiple of the noise of a prediction a model follows the records.
+const FOLLOWS: f64 = 1.5;
 
 /// Whether a simulation errs by so much that a prediction may know a better start for it.
 pub(super) fn is_lost(model: &FittedModel) -> bool {
@@ -202,20 +204,22 @@ pub(super) fn from_short_memory<'a>(
     records: &'a [OnceCell<(Data, Data)>; 2],
     context: &'a Context<'a>,
 ) -> (SearchResult<'a>, Option<BegunPrediction<'a>>) {
-    match start(measurement, (machine, own), &searched, records, context) {
-        None => (searched, None),
-        Some(PredictedStart::Simulation(simulated)) => (simulated, None),
-        Some(PredictedStart::Prediction(begun)) => {
-            let is_explained = begun.searched.all.first().is_some_and(FittedModel::is_noise_alone);
-            if !searched.is_lost || is_explained || context.must_end() {
-                return (searched, Some(begun));
-            }
-            // Neither way knows better: the rounds that were left out.
-            let set = searched.all.first().filter(|m| !m.effects.is_empty()).cloned().into_iter().collect();
-            let further = search::search_from(measurement, searched.declared, (set, Vec::new()), own, context);
-            (further, Some(begun))
-        }
+    let begun = match start(measurement, (machine, own), &searched, records, context) {
+        None => None,
+        Some(PredictedStart::Simulation(simulated)) => return (simulated.after(searched), None),
+        Some(PredictedStart::Prediction(begun)) => Some(begun),
+    };
+    let explains = |begun: &BegunPrediction| {
+        let best = begun.searched.all.first();
+        best.is_some_and(|m| m.is_noise_alone() && is_small(m, &unmeasured(m, begun.share)))
+    };
+    if !searched.is_lost || begun.as_ref().is_some_and(explains) || context.must_end() {
+        return (searched, begun);
     }
+    // Prediction knows no better: the rounds that were left out.
+    let set = searched.all.first().filter(|m| !m.effects.is_empty()).cloned().into_iter().collect();
+    let further = search::search_from(measurement, searched.declared.clone(), (set, Vec::new()), own, context);
+    (further.after(searched), begun)
 }
 
 /// What predictions give where the simulation is lost.
@@ -227,7 +231,7 @@ enum PredictedStart<'a> {
 
 /// Searches by prediction where the simulation is lost. A prediction forgets where it came from, so that its error has fewer minima: it is to a
 /// simulation what short stretches of the records are to long ones. The share that errs least while effects are missing hides them, so that it
-/// then falls step by step, and what it has hidden is searched at each. It ends at a simulation, if that follows the records; or before, where
+/// then falls step by step, and what it has hidden is searched wherever the records are no longer followed. It ends at a simulation, if that follows the records; or before, where
 /// a motion is too sensitive to its start, or where a force acts that nobody measures.
 fn start<'a>(
     measurement: &Measurement,
@@ -256,19 +260,21 @@ fn start<'a>(
     };
     let error = |m: &FittedModel| judge::mean_error(&m.fit_residuals);
     let mut model = fitted(problem, &set.fit.point, &set.effects);
-    let mut least = model.is_near_the_floor().then(|| model.clone());
+    let follows = |m: &FittedModel| !errs_by_more_than(m, FOLLOWS / libm::sqrt(1.0 - m.problem.correction));
+    let mut least = follows(&model).then(|| model.clone());
     while model.problem.correction > 0.0 && !context.must_end() {
         context.report("prediction: on the way to a simulation");
         let share = if model.problem.correction > LEAST_SHARE { model.problem.correction / SHARE_FALLS } else { 0.0 };
         model = fitted(Problem { correction: share, ..model.problem.clone() }, &model.fit.point, &model.effects);
-        if !model.is_near_the_floor() && share > 0.0 {
+        if !follows(&model) && share > 0.0 {
             let searched = search(measurement, (machine, data, own), &model, share, context);
             model = searched.all.into_iter().next()?;
         }
-        if !model.is_near_the_floor() {
+        if !follows(&model) {
             break;
         }
-        if least.as_ref().is_none_or(|least| error(&model) < NO_WORSE * error(least)) {
+        // A simulation adds up what is still missing, and the search goes on from it.
+        if share == 0.0 || least.as_ref().is_none_or(|least| error(&model) < NO_WORSE * error(least)) {
             least = Some(model.clone());
         }
     }
@@ -278,7 +284,14 @@ fn start<'a>(
         let from = |declared, set| search::search_from(measurement, declared, (set, Vec::new()), own, context);
         return Some(PredictedStart::Simulation(match model.effects.is_empty() {
             true => from(model, Vec::new()),
-            false => from(searched.declared.clone(), vec![model]),
+            false => {
+                let mut numbers = searched.declared.fit.point.clone();
+                let declared = numbers.globals.len();
+                numbers.globals.copy_from_slice(&model.fit.point.globals[..declared]);
+                let other = fitted(searched.declared.problem.clone(), &numbers, &[]);
+                let is_better = other.misfit() < searched.declared.misfit();
+                from(if is_better { other } else { searched.declared.clone() }, vec![model])
+            }
         }));
     }
     if last < share {
@@ -309,27 +322,33 @@ pub(super) fn compared(
         own.iter().filter(|names| !stands(names)).map(|names| names[0].clone()).collect()
     };
     let problem = &predicted.best.problem;
-    let step_s = problem.data.segments.iter().find_map(|s| match s.task.samples {
-        Samples::Times { step_s, .. } => Some(step_s),
-        Samples::Pulses { .. } => None,
-    });
-    let step_s = step_s.unwrap_or(0.0);
+    let step_s = sample_step(problem);
     // The poles of the filter lie at 1 - share for speeds, and at the root of it for angles.
     let is_speed = |c: &MeasuredChannel| matches!(problem.machine.sensors[c.sensor].reads, Reads::Speed(_));
     let by_angle = !problem.data.channels.iter().any(is_speed);
     Prediction {
         share,
         memory_s: if by_angle { 2.0 } else { 1.0 } * step_s / share,
-        unmeasured: unmeasured(&predicted.best, share, step_s),
+        unmeasured: unmeasured(&predicted.best, share),
         simulated: errors,
         by_prediction_alone: alone(&by_prediction, &by_simulation),
         by_simulation_alone: alone(&by_simulation, &by_prediction),
     }
 }
 
+/// Time between two samples [s].
+fn sample_step(problem: &Problem) -> f64 {
+    let step_s = problem.data.segments.iter().find_map(|s| match s.task.samples {
+        Samples::Times { step_s, .. } => Some(step_s),
+        Samples::Pulses { .. } => None,
+    });
+    step_s.unwrap_or(0.0)
+}
+
 /// The force from sample to sample for which a filter takes this share. With predictions that err by s: J s share / h where the speed is
 /// measured, J s speed_share / h^2 where the angle is.
-fn unmeasured(best: &FittedModel, share: f64, step_s: f64) -> Vec<UnmeasuredForce> {
+fn unmeasured(best: &FittedModel, share: f64) -> Vec<UnmeasuredForce> {
+    let step_s = sample_step(&best.problem);
     let (problem, m) = (&best.problem, &best.problem.machine);
     let (values, _) = problem.numbers(0, &best.fit.point.globals, &best.fit.point.locals[0]);
     let of = |(b, body): (usize, &crate::machine::Body)| {
@@ -355,10 +374,10 @@ fn unmeasured(best: &FittedModel, share: f64, step_s: f64) -> Vec<UnmeasuredForc
 const SMALL_FORCE: f64 = 0.3;
 
 /// Whether the force that nobody measures is small beside the others, so that little is laid to it.
-pub(super) fn is_small(best: &FittedModel, both: &Prediction) -> bool {
+pub(super) fn is_small(best: &FittedModel, unmeasured: &[UnmeasuredForce]) -> bool {
     let problem = &best.problem;
     let sizes = Sizes::new(problem, &best.fit.point);
-    both.unmeasured.iter().all(|force| {
+    unmeasured.iter().all(|force| {
         let body = problem.machine.bodies.iter().position(|b| b.name == force.body);
         body.is_none_or(|b| {
             let driven = problem.machine.inputs.iter().enumerate().filter(|(_, i)| i.body == b);

@@ -9,7 +9,7 @@ use super::judge::Residuals;
 use super::model::{FittedModel, placed_path, standard_error, standard_errors_off};
 use super::predict::Prediction;
 use super::problem::{Point, Problem};
-use super::search::Trial;
+use super::search::{DEFAULT_SPREAD, Trial};
 use super::steady::{self, Size};
 use super::structure::{self, Collision, Detectable, IndistinguishablePair};
 use super::unnamed::Unnamed;
@@ -315,7 +315,7 @@ fn numbers(
                 value: value / slot.unit,
                 standard_error: se / slot.unit,
                 nameplate: nameplate.map(|n| n / slot.unit),
-                nameplate_z: global.prior.map(|(mean, s)| (x - mean) / s),
+                nameplate_z: global.prior.filter(|(_, s)| *s != DEFAULT_SPREAD).map(|(mean, s)| (x - mean) / s),
                 at_bound: (x <= low || x >= high) && !slot.path.ends_with("phase_deg"),
                 determined: !slot.path.ends_with("phase_deg") || se / slot.unit < 180.0,
             }

@@ -115,6 +115,20 @@ pub struct SearchResult<'a> {
     pub cut_short: bool,
 }
 
+impl<'a> SearchResult<'a> {
+    /// The search with the sets and trials of one that went before it.
+    pub(super) fn after(mut self, before: SearchResult<'a>) -> SearchResult<'a> {
+        let known: Vec<Vec<String>> = self.all.iter().map(FittedModel::identity).collect();
+        self.all.extend(before.all.into_iter().filter(|m| !known.contains(&m.identity())));
+        self.effective = best_effective(&self.all);
+        self.all.sort_by(|a, b| score(a, &self.effective).total_cmp(&score(b, &self.effective)));
+        let is_new = |t: &Trial| !self.trials.iter().any(|o| o.identity == t.identity && o.beside == t.beside);
+        let earlier: Vec<Trial> = before.trials.into_iter().filter(is_new).collect();
+        self.trials.extend(earlier);
+        self
+    }
+}
+
 /// A set whose score is worse than the best by more than this is dropped.
 const MAX_SCORE_GAP: f64 = 60.0;
 /// Rounds after which a search that is still far from the noise is left to a prediction.
@@ -150,12 +164,14 @@ pub fn declared<'a>(
         let is_load = spec.path.starts_with("loads.");
         let is_open = logarithm && !is_load && spec.low.is_none() && spec.high.is_none();
         let spread = spec.spread.or(is_open.then_some(DEFAULT_SPREAD));
-        let prior = spread.map(|spread| (law.scaled(value), spread));
+        let known_to = |value: f64| spread.map(|spread| (law.scaled(value), spread));
+        let prior = known_to(value);
         match spec.scope {
             FitScope::All => globals.push(Global { slot, record: None, law, prior }),
             FitScope::Record => {
                 let all = 0..data.records.len();
-                globals.extend(all.map(|r| Global { slot, record: Some(r), law, prior }));
+                let set = |r: usize| data.set[r].iter().find(|(of, _)| *of == slot).map_or(value, |(_, value)| *value);
+                globals.extend(all.map(|r| Global { slot, record: Some(r), law, prior: known_to(set(r)) }));
             }
             FitScope::Part => locals.push(super::problem::Local::Slot { slot, law }),
         }
@@ -196,7 +212,7 @@ pub fn declared<'a>(
 
 /// Standard deviation of the logarithm of a positive number of which the measurement file says neither how well it is known nor where it
 /// lies: a factor of 2, about what an estimate by hand is worth.
-const DEFAULT_SPREAD: f64 = std::f64::consts::LN_2;
+pub(super) const DEFAULT_SPREAD: f64 = std::f64::consts::LN_2;
 
 /// A positive parameter is searched within this factor of the file's value, unless the measurement gives a range.
 /// Without a limit, a poorly determined damping grows until every run takes hundreds of steps a sample.
@@ -225,7 +241,8 @@ pub fn baseline<'a>(problem: Problem<'a>, own: &'a Data, context: &Context) -> F
         }
         let mut other = start.clone();
         for (x, g) in other.globals.iter_mut().zip(&problem.globals) {
-            let d = (random.below(2001) as f64 / 1000.0 - 1.0) * g.prior.map_or(1.0, |(_, s)| s.min(1.0));
+            let stated = g.prior.filter(|(_, s)| *s != DEFAULT_SPREAD);
+            let d = (random.below(2001) as f64 / 1000.0 - 1.0) * stated.map_or(1.0, |(_, s)| s.min(1.0));
             *x += d;
         }
         let model = fit_model(problem.clone(), &other, own, Vec::new(), context.threads, 40);
@@ -245,7 +262,7 @@ pub fn search<'a>(
 ) -> SearchResult<'a> {
     let (declared, prepared) = first_models(measurement, problem, own, context);
     let settled = settled::settled_by_inverse_dynamics(&declared, &prepared, own, context);
-    search_from(measurement, declared, (settled, prepared), own, context)
+    rounds(measurement, declared, (settled, prepared), own, context, true)
 }
 
 /// The search from a fitted model without effects, or from sets that are settled, the smallest first; other sets that inverse dynamics has
@@ -253,9 +270,21 @@ pub fn search<'a>(
 pub fn search_from<'a>(
     measurement: &Measurement,
     declared: FittedModel<'a>,
+    sets: (Vec<FittedModel<'a>>, Vec<FittedModel<'a>>),
+    own: &'a Data,
+    context: &Context<'_>,
+) -> SearchResult<'a> {
+    rounds(measurement, declared, sets, own, context, false)
+}
+
+/// All rounds, or as many as are needed to see that the simulation is lost, where it `may_be_lost`.
+fn rounds<'a>(
+    measurement: &Measurement,
+    declared: FittedModel<'a>,
     (settled, prepared): (Vec<FittedModel<'a>>, Vec<FittedModel<'a>>),
     own: &'a Data,
     context: &Context<'_>,
+    may_be_lost: bool,
 ) -> SearchResult<'a> {
     // Detectable sizes and indistinguishable pairs are those at the declared model, where the search also begins.
     let base = LinearisedBase::new(&declared.problem, &declared.fit);
@@ -349,7 +378,7 @@ pub fn search_from<'a>(
         if cut_short || beam[0].is_noise_alone() {
             break;
         }
-        is_lost = round >= LOST_AFTER && !is_settled && predict::is_lost(&beam[0]);
+        is_lost = may_be_lost && round >= LOST_AFTER && !is_settled && predict::is_lost(&beam[0]);
         if is_lost {
             break;
         }
