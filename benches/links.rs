@@ -12,7 +12,8 @@ fn main() {
         "truth", "outcome", "named", "before", "after", "s", "runs"
     );
     let one_chain = links::CASES.iter().map(|c| (links::one_chain(links::bush(), c), c));
-    let all = one_chain.chain(links::REDUCTION_CASES.iter().map(|c| (links::reduction(), c)));
+    let reductions = links::REDUCTION_CASES.iter().map(|c| (links::reduction(), c));
+    let all = one_chain.chain(reductions).chain(links::TENSIONER_CASES.iter().map(|c| (links::tensioner(), c)));
     for (rig, case) in all.filter(|(_, c)| word.as_ref().is_none_or(|w| c.name.contains(w.as_str()))) {
         let folder = tempfile::tempdir().expect("a folder");
         links::write(folder.path(), &rig, case, 11);

@@ -483,8 +483,14 @@ pub struct Effects {
     pub tight_joints: Vec<TightJoint>,
     /// Of every pin in its bush, beyond the declared friction.
     pub pin_friction: f64,
+    /// Stiffness of every joint beyond the declared one, as a share of it.
+    pub joint_stiffness_share: f64,
+    /// Damping of every joint beyond the declared one [N s/m].
+    pub joint_damping_n_s_per_m: f64,
     /// Friction and compliance of guides.
     pub guides: Vec<GuideEffect>,
+    /// Of oil, and of what it flows through.
+    pub oil: OilEffects,
     /// Stiffness and damping of spans, in chains of spans.
     pub spans: Vec<SpanEffect>,
 }
@@ -509,6 +515,28 @@ pub struct GuideEffect {
     pub friction: f64,
     /// What it stands on; None: it stands still.
     pub mount: Option<GuideMount>,
+}
+
+/// What the oil of a drive, and what it flows through, have beyond what is declared.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct OilEffects {
+    /// Free air, as a share of the volume at ambient pressure.
+    pub air_share: f64,
+    /// Viscosity, as a share of the declared one.
+    pub viscosity_share: f64,
+    /// Of passages, in the order of the file.
+    pub passages: Vec<PassageEffect>,
+}
+
+/// What a passage has beyond what is declared.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PassageEffect {
+    /// Path of the effect in the file.
+    pub path: String,
+    /// Name of the passage.
+    pub passage: String,
+    /// Width of a gap, or diameter of a hole [m].
+    pub wider_m: f64,
 }
 
 /// Spring and damper that a straight guide stands on, behind its contacts; it moves along its normal.
@@ -654,6 +682,11 @@ impl Drive {
     pub fn bundled(name: &str) -> Option<Drive> {
         let (name, text) = BUNDLED.iter().find(|(bundled, _)| *bundled == name)?;
         Drive::parse(name, text, &[]).ok()
+    }
+
+    /// Oil, and what it is in and flows through, with what effects change.
+    pub fn oil_with_effects(&self) -> Option<OilSpec> {
+        self.oil.as_ref().map(|oil| oil.with_effects(&self.effects.oil))
     }
 
     /// Index of the sprocket whose speed is prescribed.

@@ -339,8 +339,8 @@ impl Model {
             return Err(drive.places.report(diags));
         }
         let joint = LinkJoint {
-            stiffness_n_per_m: drive.joint.stiffness_n_per_m,
-            damping_n_s_per_m: drive.joint.damping_n_s_per_m,
+            stiffness_n_per_m: drive.joint.stiffness_n_per_m * (1.0 + drive.effects.joint_stiffness_share),
+            damping_n_s_per_m: (drive.joint.damping_n_s_per_m + drive.effects.joint_damping_n_s_per_m).max(0.0),
             clearance_m: drive.joint.clearance_m,
             friction_arm_m: (drive.joint.friction + drive.effects.pin_friction) * 0.5 * drive.chain.pin_diameter_m(),
             stick_speed_rad_s: drive.joint.stick_speed_rad_s,

@@ -268,7 +268,8 @@ impl Drive {
 
     /// Paths of what slides or touches, and of oil, in the order of the tables of frames that have a row for each; none for other tables.
     pub fn row_paths(&self, rows: Rows) -> Vec<String> {
-        let passages = || self.oil.iter().flat_map(|oil| &oil.passages);
+        let oil = self.oil_with_effects();
+        let passages = || oil.iter().flat_map(|oil| &oil.passages);
         let balls = || passages().filter(|p| matches!(p.law, PassageLaw::Check(_)));
         let mut paths = Vec::new();
         match rows {
@@ -295,7 +296,7 @@ impl Drive {
                 paths.extend(balls().flat_map(|p| ["seat", "stop"].map(|end| format!("{}.{end}", p.path))));
             }
             Rows::Chamber => {
-                let oil = self.oil.iter();
+                let oil = oil.iter();
                 paths.extend(oil.clone().flat_map(|o| &o.chambers).map(|c| format!("chambers.{}", c.name)));
                 paths.extend(oil.flat_map(|o| &o.reservoirs).map(|(name, _)| format!("reservoirs.{name}")));
             }

@@ -1,25 +1,32 @@
 //! Reading `[effects]` of a drive with links; those on shafts, arms and sliders are read with the loads in `shafts`.
 
+use super::mechanism::{PassageLaw, WIDEST_GAP};
 use super::reader::TomlTable;
 use super::{
-    Effects, GapError, GapWave, GuideEffect, GuideMount, GuideSpec, LinkMass, PitchError, SpanEffect, TightJoint,
-    sensors,
+    Effects, GapError, GapWave, GuideEffect, GuideMount, LinkMass, OilSpec, PassageEffect, PitchError, SpanEffect,
+    TightJoint, sensors,
 };
+use crate::diag::last_name;
+use crate::elements::hydraulics::MAX_PASSAGES;
 use crate::effects::{
-    Effect, Parameter, alternate_pitch, gap_error, guide_compliance, guide_friction, link_mass, pin_friction,
-    pitch_error, span_damping, span_stiffness, sprocket_runout, tight_joint, tooth_pitch_error, wear_elongation,
+    Effect, On, Parameter, alternate_pitch, check_leak, gap_error, guide_compliance, guide_friction, joint_damping,
+    joint_stiffness, leak_gap, link_mass, oil_air, oil_viscosity, orifice_diameter, pin_friction, pitch_error,
+    span_damping, span_stiffness, sprocket_runout, tight_joint, tooth_pitch_error, wear_elongation,
 };
 
 /// What effects act on, by their names.
 #[derive(Clone, Copy)]
 pub(super) struct EffectTargets<'a> {
     pub(super) sprockets: &'a [String],
-    pub(super) guides: &'a [GuideSpec],
+    /// Straight guides.
+    pub(super) guides: &'a [&'a str],
+    pub(super) rails: &'a [&'a str],
+    pub(super) oil: Option<&'a OilSpec>,
     /// Of chains of spans.
     pub(super) spans: &'a [String],
 }
 
-/// Effects on sprockets, links, joints, guides, spans and signals.
+/// Effects on sprockets, links, joints, guides, oil, spans and signals.
 pub(super) fn read_effects(
     t: &TomlTable<'_>,
     targets: EffectTargets<'_>,
@@ -28,10 +35,13 @@ pub(super) fn read_effects(
     let mut effects = Effects::default();
     read_gap_effects(t, targets.sprockets, &mut effects);
     read_link_effects(t, &mut effects);
-    effects.elongation_m = of_all_joints(t, &wear_elongation::ROW);
-    effects.alternate_m = of_all_joints(t, &alternate_pitch::ROW);
-    effects.pin_friction = of_all_joints(t, &pin_friction::ROW);
-    read_guide_effects(t, targets.guides, &mut effects);
+    effects.elongation_m = of_all(t, &wear_elongation::ROW, "chain");
+    effects.alternate_m = of_all(t, &alternate_pitch::ROW, "chain");
+    effects.pin_friction = of_all(t, &pin_friction::ROW, "chain");
+    effects.joint_stiffness_share = of_all(t, &joint_stiffness::ROW, "chain");
+    effects.joint_damping_n_s_per_m = of_all(t, &joint_damping::ROW, "chain");
+    read_guide_effects(t, targets, &mut effects);
+    read_oil_effects(t, targets.oil, &mut effects);
     read_span_effects(t, targets.spans, &mut effects);
     let signals = sensors::signals(t, sensors);
     t.finish();
@@ -93,10 +103,10 @@ fn numbers<const N: usize>(t: &TomlTable<'_>, effect: &Effect) -> [f64; N] {
     <[f64; N]>::try_from(values).unwrap_or_else(|v| panic!("{} has {} parameters, not {N}", effect.name, v.len()))
 }
 
-/// The parameter of an effect on all joints, `[effects.NAME.chain]`; off where the file does not set it.
-fn of_all_joints(t: &TomlTable<'_>, effect: &Effect) -> f64 {
+/// The parameter of an effect on all joints or all oil, `[effects.NAME.chain]`, `[effects.NAME.oil]`; off where the file does not set it.
+fn of_all(t: &TomlTable<'_>, effect: &Effect, target: &str) -> f64 {
     let (table, mut value) = (t.table(effect.name), 0.0);
-    let all = table.table("chain");
+    let all = table.table(target);
     for p in effect.parameters.iter().filter(|p| !p.lumped_only) {
         value = all.number(p.key, p.unit, p.range()).unwrap_or(p.off * p.unit);
     }
@@ -131,15 +141,19 @@ fn read_link_effects(t: &TomlTable<'_>, effects: &mut Effects) {
 }
 
 /// Effects on guides, by their names.
-fn read_guide_effects(t: &TomlTable<'_>, guides: &[GuideSpec], effects: &mut Effects) {
+fn read_guide_effects(t: &TomlTable<'_>, targets: EffectTargets<'_>, effects: &mut Effects) {
     for effect in [&guide_friction::ROW, &guide_compliance::ROW] {
         let table = t.table(effect.name);
         for (name, own) in table.tables_or_set() {
-            if guides.iter().all(|g| g.name != name) {
-                let known: Vec<&str> = guides.iter().map(|g| g.name.as_str()).collect();
+            let is_friction = *effect == guide_friction::ROW;
+            if targets.rails.contains(&name.as_str()) && !is_friction {
+                let help = "a rail gives way on `[bearings.NAME]` with `rail`, or on its arm";
+                own.error(format!("`{name}` is a rail; straight guides alone have a compliance"), Some(help.into()));
+            } else if !targets.guides.iter().chain(targets.rails).any(|known| *known == name) {
+                let known: Vec<&str> = targets.guides.iter().chain(targets.rails).copied().collect();
                 own.error(format!("no guide is called `{name}`"), Some(format!("guides: {}", known.join(", "))));
             }
-            if *effect == guide_friction::ROW {
+            if is_friction {
                 let [friction] = numbers(&own, effect);
                 effects.guides.push(GuideEffect { guide: name, friction, mount: None });
             } else {
@@ -154,6 +168,52 @@ fn read_guide_effects(t: &TomlTable<'_>, guides: &[GuideSpec], effects: &mut Eff
                 effects.guides.push(GuideEffect { guide: name, friction: 0.0, mount });
             }
             own.finish();
+        }
+        table.finish();
+    }
+}
+
+/// Effects on oil, and on passages by their names.
+fn read_oil_effects(t: &TomlTable<'_>, oil: Option<&OilSpec>, effects: &mut Effects) {
+    let own = &mut effects.oil;
+    own.air_share = of_all(t, &oil_air::ROW, "oil");
+    own.viscosity_share = of_all(t, &oil_viscosity::ROW, "oil");
+    if oil.is_none() {
+        for table in [&oil_air::ROW, &oil_viscosity::ROW].map(|e| t.table(e.name)).iter().filter(|t| t.is_present()) {
+            table.error("the drive has no oil".into(), Some("add `[oil]`, `[chambers]` and `[passages]`".into()));
+        }
+    }
+    let mut holes = oil.map_or(0, |o| o.passages.len());
+    for effect in [&leak_gap::ROW, &orifice_diameter::ROW, &check_leak::ROW] {
+        let table = t.table(effect.name);
+        for (passage, t) in table.tables_or_set() {
+            let passages = || oil.iter().flat_map(|o| &o.passages);
+            let takes = |law: &PassageLaw| match law {
+                PassageLaw::Orifice { .. } => effect.on == On::Orifice,
+                PassageLaw::Leak { .. } => effect.on == On::Leak,
+                PassageLaw::Check(_) => effect.on == On::Check,
+            };
+            let known: Vec<&str> = passages().filter(|p| takes(&p.law)).map(|p| last_name(&p.path)).collect();
+            let [wider_m] = numbers(&t, effect);
+            if !known.contains(&passage.as_str()) {
+                let what = effect.on.label();
+                let help = if known.is_empty() { "there is none".into() } else { format!("there are: {}", known.join(", ")) };
+                t.error(format!("`{passage}` is not {what}"), Some(help));
+            }
+            let gap = passages().filter(|p| last_name(&p.path) == passage).find_map(|p| match &p.law {
+                PassageLaw::Leak { gap, .. } => Some(gap),
+                PassageLaw::Orifice { .. } | PassageLaw::Check(_) => None,
+            });
+            if gap.is_some_and(|gap| gap.gap_m + wider_m > WIDEST_GAP * gap.diameter_m) {
+                let help = "with the declared gap at most a tenth of the diameter";
+                t.error_at("gap_um", "the gap is too wide for a flow along a narrow slit".into(), Some(help.into()));
+            }
+            holes += usize::from(effect.on == On::Check);
+            if holes > MAX_PASSAGES {
+                t.error(format!("with this hole {holes} passages: at most {MAX_PASSAGES} are computed"), None);
+            }
+            own.passages.push(PassageEffect { path: t.path().to_string(), passage, wider_m });
+            t.finish();
         }
         table.finish();
     }

@@ -2,7 +2,8 @@
 
 use super::reader::TomlTable;
 use super::sensors::MechanismNames;
-use super::{ArmSpec, ContactSpec};
+use super::{ArmSpec, ContactSpec, OilEffects};
+use crate::diag::last_name;
 use crate::elements::hydraulics::{MAX_CHAMBERS, MAX_PASSAGES};
 use crate::elements::oil::Oil;
 use crate::elements::passage::{AnnularGap, TRANSITION_REYNOLDS};
@@ -52,6 +53,44 @@ pub struct OilSpec {
     pub reservoirs: Vec<(String, f64)>,
     /// What oil flows through, between chambers and reservoirs.
     pub passages: Vec<PassageSpec>,
+}
+
+/// Narrowest gap and hole that effects leave [m].
+const NARROWEST_GAP_M: f64 = 0.1 * UM;
+const NARROWEST_HOLE_M: f64 = 1.0 * UM;
+/// Most free air that effects leave, as a share.
+const MOST_AIR: f64 = 0.5;
+
+impl OilSpec {
+    /// With what effects change. A check valve that leaks has a hole beside it, as a passage of its own.
+    pub fn with_effects(&self, effects: &OilEffects) -> OilSpec {
+        let mut spec = self.clone();
+        spec.oil.air_share = (spec.oil.air_share + effects.air_share).clamp(0.0, MOST_AIR);
+        spec.oil.viscosity_pa_s *= 1.0 + effects.viscosity_share;
+        for e in effects.passages.iter().filter(|e| e.wider_m != 0.0) {
+            let Some(k) = self.passages.iter().position(|p| last_name(&p.path) == e.passage) else { continue };
+            let leak = match &mut spec.passages[k].law {
+                PassageLaw::Orifice { diameter_m, .. } => {
+                    *diameter_m = (*diameter_m + e.wider_m).max(NARROWEST_HOLE_M);
+                    None
+                }
+                PassageLaw::Leak { gap, .. } => {
+                    gap.gap_m = (gap.gap_m + e.wider_m).max(NARROWEST_GAP_M);
+                    None
+                }
+                PassageLaw::Check(c) => Some(PassageLaw::Orifice {
+                    diameter_m: e.wider_m,
+                    discharge: c.discharge,
+                    transition_reynolds: c.transition_reynolds,
+                }),
+            };
+            if let Some(law) = leak {
+                let ends = self.passages[k].ends.clone();
+                spec.passages.push(PassageSpec { path: e.path.clone(), ends, law });
+            }
+        }
+        spec
+    }
 }
 
 /// A closed volume of oil with one pressure.
@@ -406,7 +445,7 @@ fn read_check(t: &TomlTable<'_>) -> CheckSpec {
 }
 
 /// Widest gap over the diameter: beyond it the slit is not narrow.
-const WIDEST_GAP: f64 = 0.1;
+pub(super) const WIDEST_GAP: f64 = 0.1;
 
 /// [Pa].
 const BAR: f64 = 1e5;

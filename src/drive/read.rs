@@ -102,7 +102,14 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     let sensors = sensors::sensors(root, targets);
     let of_spans = fidelities.iter().zip(&spans).filter(|(fidelity, _)| **fidelity == ChainFidelity::Spans);
     let of_spans: Vec<String> = of_spans.flat_map(|(_, own)| span_names(own)).collect();
-    let targets = effects::EffectTargets { sprockets: &names, guides: &guides, spans: &of_spans };
+    let (straight, curved) = guide_names.split_at(guides.len());
+    let targets = effects::EffectTargets {
+        sprockets: &names,
+        guides: straight,
+        rails: curved,
+        oil: oil.as_ref(),
+        spans: &of_spans,
+    };
     let (effects, signals) = effects::read_effects(&effect_table, targets, &sensors);
     let run = read_run(&root.table("run"));
     root.finish();

@@ -10,6 +10,7 @@
 
 pub mod alternate_pitch;
 pub mod backlash;
+pub mod check_leak;
 pub mod constant_torque;
 pub mod coulomb_friction;
 pub mod drift;
@@ -26,7 +27,10 @@ pub mod input_gain_curve;
 pub mod input_lag;
 pub mod input_offset;
 pub mod input_saturation;
+pub mod joint_damping;
+pub mod joint_stiffness;
 pub mod latency;
+pub mod leak_gap;
 pub mod link_mass;
 pub mod load_friction;
 pub mod low_pass;
@@ -34,6 +38,9 @@ pub mod mark_spacing;
 pub mod mark_strength;
 pub mod missed_pulses;
 pub mod offset;
+pub mod oil_air;
+pub mod oil_viscosity;
+pub mod orifice_diameter;
 pub mod pin_friction;
 pub mod pitch_error;
 pub mod polygon;
@@ -73,7 +80,16 @@ pub enum On {
     Chain,
     /// Every joint; the target is `chain`.
     Joints,
+    /// A straight guide or a rail.
     Guide,
+    /// An annular gap that oil leaks through.
+    Leak,
+    /// A hole that oil flows through.
+    Orifice,
+    /// A check valve.
+    Check,
+    /// All oil of a drive; the target is `oil`.
+    Oil,
     /// A measured input of a body.
     Input,
     /// A sensor of any kind except pulse pickups.
@@ -94,6 +110,10 @@ impl On {
             On::Chain => "the chain (any name)",
             On::Joints => "the chain's joints (`chain`)",
             On::Guide => "a guide",
+            On::Leak => "a leak gap of oil",
+            On::Orifice => "an orifice of oil",
+            On::Check => "a check valve",
+            On::Oil => "all oil (`oil`)",
             On::Input => "a measured input",
             On::Sensor => "a sensor of sampled values",
             On::AngleSensor => "a sensor of an angle or a speed",
@@ -110,6 +130,7 @@ pub enum Part {
     Sprocket,
     Chain,
     Guide,
+    Tensioner,
     Input,
     Sensor,
 }
@@ -122,6 +143,7 @@ impl Part {
             Part::Sprocket => "sprocket",
             Part::Chain => "chain",
             Part::Guide => "guide",
+            Part::Tensioner => "tensioner",
             Part::Input => "input",
             Part::Sensor => "sensor",
         }
@@ -492,7 +514,7 @@ impl PartialEq for Effect {
 }
 
 /// The catalogue. Effects on sensors are in the order in which a signal passes them.
-pub const EFFECTS: [&Effect; 50] = [
+pub const EFFECTS: [&Effect; 57] = [
     &sprocket_runout::ROW,
     &tooth_pitch_error::ROW,
     &gap_error::ROW,
@@ -503,6 +525,8 @@ pub const EFFECTS: [&Effect; 50] = [
     &wear_elongation::ROW,
     &tight_joint::ROW,
     &pin_friction::ROW,
+    &joint_stiffness::ROW,
+    &joint_damping::ROW,
     &span_stiffness::ROW,
     &span_hardening::ROW,
     &span_damping::ROW,
@@ -510,6 +534,11 @@ pub const EFFECTS: [&Effect; 50] = [
     &backlash::ROW,
     &guide_compliance::ROW,
     &guide_friction::ROW,
+    &leak_gap::ROW,
+    &orifice_diameter::ROW,
+    &check_leak::ROW,
+    &oil_air::ROW,
+    &oil_viscosity::ROW,
     &torsional_resonance::ROW,
     &flexible_coupling::ROW,
     &coulomb_friction::ROW,

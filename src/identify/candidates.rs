@@ -189,7 +189,14 @@ impl Sizes {
             let loads = [Some(body.name.as_str()), of_shaft].into_iter().flatten().filter_map(load_nm);
             power_w += loads.map(f64::abs).sum::<f64>() * speed[b];
         }
-        let force = speed.iter().map(|v| if *v > 0.0 && power_w > 0.0 { power_w / v } else { 1.0 }).collect();
+        let force = speed.iter().zip(&m.bodies).map(|(v, body)| match body.slides {
+            _ if *v > 0.0 && power_w > 0.0 => power_w / v,
+            true => SWINGING_FORCE_N,
+            false => SWINGING_TORQUE_NM,
+        });
+        let force = force.collect();
+        let swinging = |b: usize| if m.bodies[b].slides { SWINGING_M_S } else { SWINGING_RAD_S };
+        let speed = speed.iter().enumerate().map(|(b, v)| if *v > 0.0 { *v } else { swinging(b) }).collect();
         let (tension, input) = (Vec::new(), Vec::new());
         Sizes { force, speed, tension, signal, input, sample_s, rate: rate(problem), length_s, orders: Vec::new() }
     }
@@ -199,7 +206,7 @@ impl Sizes {
         let body = match target {
             Target::Body(b) => Some(b),
             Target::Sensor(s) => m.body_of(s),
-            Target::Input(_) | Target::Spring(_) | Target::Chain(_) | Target::Guide(_) | Target::Span(_) => None,
+            Target::Input(_) | Target::Spring(_) | Target::Chain(_) | Target::Part(_) | Target::Span(_) => None,
         };
         let mut all = row.starts.to_vec();
         if row.key == "order" {
@@ -224,7 +231,7 @@ impl Sizes {
         let body = match target {
             Target::Body(b) => b,
             Target::Input(i) => m.inputs[i].body,
-            Target::Spring(_) | Target::Sensor(_) | Target::Chain(_) | Target::Guide(_) | Target::Span(_) => 0,
+            Target::Spring(_) | Target::Sensor(_) | Target::Chain(_) | Target::Part(_) | Target::Span(_) => 0,
         };
         let known = |of: &[f64], i: usize| of.get(i).copied().filter(|x| *x > 0.0).unwrap_or(1e-3);
         let (force, speed) = (known(&self.force, body), known(&self.speed, body));
@@ -232,7 +239,7 @@ impl Sizes {
         let (stiffness, tension) = match target {
             Target::Spring(s) => (m.spring_numbers(&m.values, &m.springs[s]).0.max(1e-9), known(&self.tension, s)),
             Target::Span(s) => (m.values[m.spans[s].stiffness].max(1e-9), 1.0),
-            Target::Body(_) | Target::Input(_) | Target::Sensor(_) | Target::Chain(_) | Target::Guide(_) => (1.0, 1.0),
+            Target::Body(_) | Target::Input(_) | Target::Sensor(_) | Target::Chain(_) | Target::Part(_) => (1.0, 1.0),
         };
         let input = match target {
             Target::Input(i) => known(&self.input, i),
@@ -240,7 +247,7 @@ impl Sizes {
             | Target::Spring(_)
             | Target::Sensor(_)
             | Target::Chain(_)
-            | Target::Guide(_)
+            | Target::Part(_)
             | Target::Span(_) => 1.0,
         };
         let signal = match target {
@@ -249,7 +256,7 @@ impl Sizes {
             | Target::Spring(_)
             | Target::Input(_)
             | Target::Chain(_)
-            | Target::Guide(_)
+            | Target::Part(_)
             | Target::Span(_) => 1.0,
         };
         match scale {
@@ -291,6 +298,13 @@ fn rate(problem: &Problem) -> f64 {
     std::f64::consts::PI / step / 5.0
 }
 
+/// Sizes of what swings about a place, arms and plungers, where nothing says them. assumed: a plunger moves by 0.1 mm at 150 Hz, some 10 N act
+/// on it, and an arm has 0.1 m.
+const SWINGING_FORCE_N: f64 = 10.0;
+const SWINGING_TORQUE_NM: f64 = 1.0;
+const SWINGING_M_S: f64 = 0.1;
+const SWINGING_RAD_S: f64 = 1.0;
+
 /// Maximum number of hypotheses of one effect at one place.
 const MAX_FORMS: usize = 24;
 
@@ -320,7 +334,7 @@ pub fn all(
                 | Target::Spring(_)
                 | Target::Input(_)
                 | Target::Chain(_)
-                | Target::Guide(_)
+                | Target::Part(_)
                 | Target::Span(_) => None,
             };
             if matches!(target, Target::Sensor(_)) && channel.is_none() {

@@ -126,7 +126,7 @@ pub fn locked_orders(m: &Machine, effect: &Effect, target: Target) -> Vec<String
         | Target::Input(_)
         | Target::Sensor(_)
         | Target::Chain(_)
-        | Target::Guide(_)
+        | Target::Part(_)
         | Target::Span(_) => Vec::new(),
     }
 }

@@ -7,8 +7,9 @@ use super::simulate::{InitialState, RunError, Samples, Task, between, clock, thr
 use super::{Body, BodyMotion, ChainLoop, Machine, Reads, Target};
 use crate::drive::Drive;
 use crate::drive::chains::gcd;
+use crate::drive::mechanism::PassageLaw;
 use crate::drive::sensors::{SensorReads, is_signal};
-use crate::effects::{Effect, Kind, On, Parameter};
+use crate::effects::{Effect, Kind, On, Parameter, guide_friction};
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -90,6 +91,39 @@ impl LinkedDrive {
         response
     }
 
+    /// Parts that an effect acts on by their names alone.
+    fn parts(&self, effect: &Effect) -> Vec<(String, Target)> {
+        let named = |path: &str| crate::diag::last_name(path).to_string();
+        let passages = self.drive.oil.iter().flat_map(|oil| &oil.passages);
+        let passages = |fits: &dyn Fn(&PassageLaw) -> bool| -> Vec<String> {
+            passages.clone().filter(|p| fits(&p.law)).map(|p| named(&p.path)).collect()
+        };
+        let names: Vec<String> = match effect.links {
+            Some(On::Guide) => {
+                let rails = self.drive.rails.iter().map(|r| r.name.clone()).filter(|_| *effect == guide_friction::ROW);
+                self.drive.guides.iter().map(|g| g.name.clone()).chain(rails).collect()
+            }
+            Some(On::Leak) => passages(&|law| matches!(law, PassageLaw::Leak { .. })),
+            Some(On::Orifice) => passages(&|law| matches!(law, PassageLaw::Orifice { .. })),
+            Some(On::Check) => passages(&|law| matches!(law, PassageLaw::Check(_))),
+            Some(On::Oil) => self.drive.oil.iter().map(|_| "oil".to_string()).collect(),
+            Some(
+                On::Body
+                | On::Prescribed
+                | On::Sprocket
+                | On::Span
+                | On::Chain
+                | On::Joints
+                | On::Input
+                | On::Sensor
+                | On::AngleSensor
+                | On::Pickup,
+            )
+            | None => Vec::new(),
+        };
+        names.into_iter().enumerate().map(|(i, name)| (name, Target::Part(i))).collect()
+    }
+
     /// Period in pitches, with all effects that are placed.
     fn pitches(&self, m: &Machine) -> u32 {
         m.placed.iter().fold(self.period.declared, |all, p| lcm(all, self.own_period(m, p.effect, p.target)))
@@ -105,7 +139,7 @@ impl LinkedDrive {
             | Target::Input(_)
             | Target::Sensor(_)
             | Target::Chain(_)
-            | Target::Guide(_)
+            | Target::Part(_)
             | Target::Span(_) => 1,
         }
     }
@@ -187,9 +221,7 @@ impl Fidelity for LinkedDrive {
             Some(On::Span) => m.spans.iter().enumerate().map(|(i, s)| (s.name.clone(), Target::Span(i))).collect(),
             Some(On::Body) => bodies(&|b| b.motion == BodyMotion::Free && first_of_shaft(b)),
             Some(On::Prescribed) => bodies(&|b| b.motion != BodyMotion::Free && first_of_shaft(b)),
-            Some(On::Guide) => {
-                self.drive.guides.iter().enumerate().map(|(i, g)| (g.name.clone(), Target::Guide(i))).collect()
-            }
+            Some(On::Guide | On::Leak | On::Orifice | On::Check | On::Oil) => self.parts(effect),
             Some(On::Input | On::Sensor | On::AngleSensor | On::Pickup) | None => Vec::new(),
         }
     }
@@ -256,7 +288,7 @@ impl Fidelity for LinkedDrive {
                 let teeth = m.bodies[b].teeth?;
                 (0, self.period.turns[b]?.0.scaled(teeth * self.period.alike, 1), teeth)
             }
-            Target::Spring(_) | Target::Input(_) | Target::Sensor(_) | Target::Guide(_) | Target::Span(_) => {
+            Target::Spring(_) | Target::Input(_) | Target::Sensor(_) | Target::Part(_) | Target::Span(_) => {
                 return None;
             }
         };

@@ -12,6 +12,9 @@ use crate::effects::parameter_at;
 use crate::units::RPM;
 use std::sync::Arc;
 
+/// [kg].
+const GRAM: f64 = 1e-3;
+
 impl Machine {
     /// The machine of a drive with link bodies.
     pub fn of_links(drive: &Drive) -> Machine {
@@ -62,20 +65,18 @@ impl Machine {
                 motion,
             });
         }
-        let bare = drive
-            .bare_shafts()
-            .into_iter()
-            .map(|k| (format!("shafts.{}", drive.shafts[k].name), drive.shafts[k].outer));
-        let arms = drive
-            .arms
-            .iter()
-            .map(|a| (format!("arms.{}", a.name), OuterSpec::Load { inertia_kg_m2: a.inertia_kg_m2, torque_nm: 0.0 }));
-        for (path, outer) in bare.chain(arms) {
-            let OuterSpec::Load { inertia_kg_m2, .. } = outer else { continue };
+        let bare = drive.bare_shafts().into_iter().map(|k| {
+            let OuterSpec::Load { inertia_kg_m2, .. } = drive.shafts[k].outer else { return None };
+            Some((format!("shafts.{}", drive.shafts[k].name), "inertia_kg_m2", 1.0, inertia_kg_m2))
+        });
+        let arms =
+            drive.arms.iter().map(|a| Some((format!("arms.{}", a.name), "inertia_kg_m2", 1.0, a.inertia_kg_m2)));
+        let sliders = drive.sliders.iter().map(|s| Some((format!("sliders.{}", s.name), "mass_g", GRAM, s.mass_kg)));
+        for (path, key, unit, inertia) in bare.chain(arms).chain(sliders).flatten() {
             m.bodies.push(Body {
-                name: path.split_once('.').map_or(path.clone(), |(_, name)| name.to_string()),
-                slides: false,
-                inertia: Some(slot(format!("{path}.inertia_kg_m2"), 1.0, inertia_kg_m2)),
+                name: last_name(&path).to_string(),
+                slides: path.starts_with("sliders."),
+                inertia: Some(slot(format!("{path}.{key}"), unit, inertia)),
                 path,
                 minus: None,
                 teeth: None,

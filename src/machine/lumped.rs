@@ -73,7 +73,7 @@ impl Fidelity for Lumped {
                     Vec::new()
                 }
             }
-            On::Guide => Vec::new(),
+            On::Guide | On::Leak | On::Orifice | On::Check | On::Oil => Vec::new(),
             On::Input => {
                 let all = m.inputs.iter().enumerate();
                 all.filter(|(_, i)| matches!(i.kind, InputKind::Force(_)))

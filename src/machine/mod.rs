@@ -224,7 +224,8 @@ pub enum Target {
     Sensor(usize),
     /// A chain, or, of joints, all chains.
     Chain(usize),
-    Guide(usize),
+    /// A part of a drive with links that effects act on by its name alone: a guide, a passage of oil, the oil.
+    Part(usize),
     /// A span of a chain of spans in a drive with links.
     Span(usize),
 }

@@ -40,7 +40,8 @@ impl PeriodOfDrive {
         };
         let bare = drive.bare_shafts().into_iter().map(|k| turning(drive.sprocket_turning(Moving::Shaft(k))?));
         let sprockets = (0..drive.sprockets.len()).map(turning);
-        let turns = sprockets.chain(bare).chain(drive.arms.iter().map(|_| None)).collect();
+        let others = drive.arms.iter().map(|_| None).chain(drive.sliders.iter().map(|_| None));
+        let turns = sprockets.chain(bare).chain(others).collect();
         let of_links = (0..drive.chains()).filter(|chain| drive.fidelity_of(*chain) == ChainFidelity::Links);
         let rate = |chain: usize| {
             let leader = drive.leader_of(chain);

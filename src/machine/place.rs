@@ -9,7 +9,7 @@ impl Machine {
         let slides = match target {
             Target::Body(b) => self.bodies.get(b).is_some_and(|b| b.slides),
             Target::Input(i) => self.inputs.get(i).and_then(|i| self.bodies.get(i.body)).is_some_and(|b| b.slides),
-            Target::Spring(_) | Target::Sensor(_) | Target::Chain(_) | Target::Guide(_) | Target::Span(_) => false,
+            Target::Spring(_) | Target::Sensor(_) | Target::Chain(_) | Target::Part(_) | Target::Span(_) => false,
         };
         let mut keys = Vec::new();
         for p in effect.parameters.iter().filter(|p| self.accepts(effect, p)) {

@@ -133,7 +133,7 @@ fn spring(stiffness: f64, force: f64, damping: f64) -> (CoordinateSpring, f64) {
 
 fn slider_coordinate(drive: &Drive, spec: &SliderSpec) -> Coordinate {
     let (mut damping, mut rest_load) = (spec.damping_n_s_per_m, 0.0);
-    if let Some(oil) = &drive.oil {
+    if let Some(oil) = &drive.oil_with_effects() {
         let is_own = |name: &String| *name == spec.name;
         for p in &oil.passages {
             if let PassageLaw::Leak { gap, slider: Some(name) } = &p.law
@@ -216,7 +216,7 @@ fn network(spec: &OilSpec, slider: &dyn Fn(&str) -> Option<usize>, first_ball: u
 impl Model {
     /// Puts the oil of a drive in, and the balls of its check valves.
     pub fn add_oil(&mut self, drive: &Drive) {
-        let Some(spec) = &drive.oil else { return };
+        let Some(spec) = &drive.oil_with_effects() else { return };
         let slider = |name: &str| self.sliders.iter().find(|s| s.name == name).map(|s| s.coordinate);
         let network = network(spec, &slider, self.coordinates.len());
         for p in &spec.passages {

@@ -83,7 +83,7 @@ pub(super) fn build_rails(drive: &Drive, placed: &PlacedDrive, arms: &[ArmModel]
         RailModel {
             name: spec.name.clone(),
             chain: 0,
-            body: RailBody::new(rail, radius_m, contact.law, contact.friction, contact.stick_speed_m_s),
+            body: RailBody::new(rail, radius_m, contact.law, friction(drive, &spec.name), contact.stick_speed_m_s),
             frame: BodyFrame { origin, turn: arm.map(|a| a.coordinate), shifts: Vec::new() },
             blade: None,
             reach_m: rail.reach_m(),
@@ -220,22 +220,19 @@ pub(super) fn build_guides(drive: &Drive, route: &Route, placed: &PlacedDrive) -
                 side: if g.side == GuideSide::Inside { 0 } else { 1 },
                 touches_plates: abutment.is_none(),
                 law: contact.law,
-                friction: contact.friction,
+                friction: friction(drive, &g.name),
                 stick_speed_m_s: contact.stick_speed_m_s,
             };
-            let body = with_effects(drive, &g.name, body);
             let frame = BodyFrame { origin: geometry.origin, ..BodyFrame::default() };
             GuideModel { name: g.name.clone(), chain: 0, geometry, frame, body }
         })
         .collect()
 }
 
-/// A guide with what its effects change: friction more. Its mount is a coordinate, see [`super::Model::add_bearings`].
-fn with_effects(drive: &Drive, name: &str, mut body: GuideBody) -> GuideBody {
-    for e in drive.effects.guides.iter().filter(|e| e.guide == name) {
-        body.friction = (body.friction + e.friction).max(0.0);
-    }
-    body
+/// Coulomb coefficient of a guide or rail with what its effects change. Its mount is a coordinate, see [`super::Model::add_bearings`].
+fn friction(drive: &Drive, name: &str) -> f64 {
+    let effects = drive.effects.guides.iter().filter(|e| e.guide == name);
+    effects.fold(drive.guide_contact.friction, |all, e| (all + e.friction).max(0.0))
 }
 
 /// What is said of a guide that a sprocket's teeth would strike.

@@ -142,6 +142,67 @@ pub const REDUCTION_CASES: [Case; 5] = [
     },
 ];
 
+/// Of a drive with a hydraulic tensioner, whose crank's speed swings with order 2.
+pub const TENSIONER_CASES: [Case; 9] = [
+    Case { name: "tensioner, clean", both: &[], truth: &[], free: &[], path: "" },
+    Case {
+        name: "tensioner, worn bore",
+        both: &[],
+        truth: &["effects.leak_gap.plunger.gap_um=12"],
+        free: &[],
+        path: "effects.leak_gap.plunger",
+    },
+    Case {
+        name: "tensioner, dirt under the ball",
+        both: &[],
+        truth: &["effects.check_leak.feed.diameter_um=500"],
+        free: &[],
+        path: "effects.check_leak.feed",
+    },
+    Case {
+        name: "tensioner, air in the oil",
+        both: &[],
+        truth: &["effects.oil_air.oil.air_percent=6"],
+        free: &[],
+        path: "effects.oil_air.oil",
+    },
+    Case {
+        name: "tensioner, plunger rubs in its bore",
+        both: &[],
+        truth: &["effects.coulomb_friction.plunger.force_n=15", "effects.coulomb_friction.plunger.stick_speed_m_s=0.002"],
+        free: &[],
+        path: "effects.coulomb_friction.plunger",
+    },
+    Case {
+        name: "tensioner, weak spring",
+        both: &[],
+        truth: &["effects.constant_torque.plunger.force_n=-12"],
+        free: &[],
+        path: "effects.constant_torque.plunger",
+    },
+    Case {
+        name: "tensioner, soft joints",
+        both: &[],
+        truth: &["effects.joint_stiffness.chain.share_percent=-25"],
+        free: &[],
+        path: "effects.joint_stiffness.chain",
+    },
+    Case {
+        name: "tensioner, damped joints",
+        both: &[],
+        truth: &["effects.joint_damping.chain.damping_n_s_per_m=300"],
+        free: &[],
+        path: "effects.joint_damping.chain",
+    },
+    Case {
+        name: "tensioner, arm rubs on the chain",
+        both: &[],
+        truth: &["effects.guide_friction.slack.friction=0.06"],
+        free: &[],
+        path: "effects.guide_friction.slack",
+    },
+];
+
 /// A drive, and how it is measured.
 pub struct Rig {
     pub text: String,
@@ -180,6 +241,22 @@ pub fn reduction() -> Rig {
             ("torque", "sensors.torque.driver", "N m"),
             ("first", "sensors.strain_gauge.first", "N"),
             ("second", "sensors.strain_gauge.second", "N"),
+        ],
+    }
+}
+
+/// One chain with an arm and a hydraulic tensioner. A speed that swings makes its plunger pump.
+pub fn tensioner() -> Rig {
+    let (_, text) = BUNDLED.iter().find(|(name, _)| *name == "tensioner-20-40").expect("it is bundled");
+    Rig {
+        text: text.replace("speed_rpm = 3000", "orders = [2]\namplitudes_deg = [0.6]\nspeed_rpm = 3000"),
+        sensors: "\n[sensors.tachometer.driven]\n\n[sensors.torque.driver]\n\n[sensors.strain_gauge.slack]\nspan = [\"driver\", \"driven\"]\n",
+        channels: &[
+            ("speed", "sensors.tachometer.driven", "rad/s"),
+            ("torque", "sensors.torque.driver", "N m"),
+            ("slack", "sensors.strain_gauge.slack", "N"),
+            ("travel", "sensors.displacement.plunger", "m"),
+            ("pressure", "sensors.pressure.high", "Pa"),
         ],
     }
 }
@@ -255,7 +332,7 @@ pub fn write(folder: &Path, rig: &Rig, case: &Case, seed: u64) {
             .collect();
         let mut csv = channels.iter().map(|c| c.0).collect::<Vec<_>>().join(",") + "\n";
         for i in 0..SAMPLES {
-            csv += &columns.iter().map(|c| format!("{:.6}", c[i])).collect::<Vec<_>>().join(",");
+            csv += &columns.iter().map(|c| format!("{:.8e}", c[i])).collect::<Vec<_>>().join(",");
             csv.push('\n');
         }
         std::fs::write(folder.join(format!("{rpm}.csv")), csv).expect("written");
