@@ -16,9 +16,13 @@ fn main() {
     let all = one_chain.chain(reductions).chain(links::TENSIONER_CASES.iter().map(|c| (links::tensioner(), c)));
     for (rig, case) in all.filter(|(_, c)| word.as_ref().is_none_or(|w| c.name.contains(w.as_str()))) {
         let folder = tempfile::tempdir().expect("a folder");
-        links::write(folder.path(), &rig, case, 11);
+        let folder = match std::env::var_os("PITCHLINE_KEEP") {
+            Some(kept) => kept.into(),
+            None => folder.path().to_path_buf(),
+        };
+        links::write(&folder, &rig, case, 11);
         let started = std::time::Instant::now();
-        let r = match links::identified(folder.path(), 2) {
+        let r = match links::identified(&folder, 2) {
             Ok(r) => r,
             Err(e) => {
                 println!("{:<22} {e}", case.name);

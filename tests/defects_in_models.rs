@@ -38,29 +38,125 @@ fn effects_on_joints_and_guides_reach_the_model() {
     assert!(guided.chain.joints[0].friction_arm_m > plain.chain.joints[0].friction_arm_m);
 }
 
+/// Effects on oil, joints and rails change the model as specified, and no bit where they are zero.
+#[test]
+fn effects_on_tensioners_and_joints_reach_the_model() {
+    use pitchline::elements::passage::FlowLaw;
+    let model = |sets: &[&str]| common::assembled(&common::bundled("ford-v6", sets));
+    let plain = model(&[]);
+    let off = model(&[
+        "effects.leak_gap.plunger.gap_um=0",
+        "effects.orifice_diameter.throttle.diameter_um=0",
+        "effects.check_leak.ball.diameter_um=0",
+        "effects.oil_air.oil.air_percent=0",
+        "effects.oil_viscosity.oil.share_percent=0",
+        "effects.joint_stiffness.chain.share_percent=0",
+        "effects.joint_damping.chain.damping_n_s_per_m=0",
+        "effects.guide_friction.slack.friction=0",
+    ]);
+    assert_eq!(plain.state.hash(), off.state.hash());
+    let changed = model(&[
+        "effects.leak_gap.plunger.gap_um=50",
+        "effects.orifice_diameter.throttle.diameter_um=500",
+        "effects.check_leak.ball.diameter_um=300",
+        "effects.oil_air.oil.air_percent=4",
+        "effects.oil_viscosity.oil.share_percent=100",
+        "effects.joint_stiffness.chain.share_percent=-20",
+        "effects.joint_damping.chain.damping_n_s_per_m=-1000",
+        "effects.guide_friction.slack.friction=0.05",
+    ]);
+    let close = |a: f64, b: f64| assert!((a / b - 1.0).abs() < 1e-12, "{a} {b}");
+    let (before, after) = (plain.model.oil.as_ref().expect("oil"), changed.model.oil.as_ref().expect("oil"));
+    close(after.oil.air_share, 0.05);
+    close(after.oil.viscosity_pa_s, 0.02);
+    // Declared: ball, throttle and leak in the order orifice, leak, check; the hole beside the ball is the last.
+    let passage = |network: &pitchline::elements::hydraulics::Network, path: &str| {
+        network.passages.iter().find(|p| p.path == path).unwrap_or_else(|| panic!("{path}")).law
+    };
+    let leak = |network| match passage(network, "passages.leak.plunger") {
+        FlowLaw::Leak { conductance, .. } => conductance,
+        other => panic!("{other:?}"),
+    };
+    // (100 / 50)^3, and twice the viscosity.
+    close(leak(after), leak(before) * 8.0 / 2.0);
+    let diameter_m = |path: &str| match passage(after, path) {
+        FlowLaw::Orifice(o) => o.diameter_m,
+        other => panic!("{other:?}"),
+    };
+    close(diameter_m("passages.orifice.throttle"), 3e-3);
+    close(diameter_m("effects.check_leak.ball"), 0.3e-3);
+    assert_eq!(after.passages.len(), before.passages.len() + 1);
+    let ends = |network: &pitchline::elements::hydraulics::Network, path: &str| {
+        network.passages.iter().find(|p| p.path == path).map(|p| format!("{:?}", p.ends))
+    };
+    assert_eq!(ends(after, "effects.check_leak.ball"), ends(after, "passages.check.ball"));
+    let joint = |assembly: &pitchline::assemble::Assembly| assembly.model.chain.joints[0];
+    close(joint(&changed).stiffness_n_per_m, 0.8 * joint(&plain).stiffness_n_per_m);
+    assert_eq!(joint(&changed).damping_n_s_per_m, 0.0, "less than nothing counts as nothing");
+    let slack = |assembly: &pitchline::assemble::Assembly| {
+        let rail = assembly.model.rails.iter().find(|r| r.name == "slack").expect("the rail");
+        rail.body.friction
+    };
+    close(slack(&changed), slack(&plain) + 0.05);
+}
+
+/// What no such effect can act on is an error that names it.
+#[test]
+fn effects_on_tensioners_name_what_they_cannot_act_on() {
+    use pitchline::drive::{BUNDLED, Drive};
+    let refused = |bundled: &str, set: &str| {
+        let (_, text) = BUNDLED.iter().find(|(name, _)| *name == bundled).expect("it is bundled");
+        Drive::parse(bundled, text, &[set.to_string()]).expect_err(set).to_string()
+    };
+    let hole = refused("ford-v6", "effects.leak_gap.throttle.gap_um=5");
+    assert!(hole.contains("`throttle` is not a leak gap of oil") && hole.contains("there are: plunger"), "{hole}");
+    let dry = refused("bush-20-40", "effects.oil_air.oil.air_percent=5");
+    assert!(dry.contains("the drive has no oil"), "{dry}");
+    let none = refused("tensioner-20-40", "effects.orifice_diameter.feed.diameter_um=5");
+    assert!(none.contains("`feed` is not an orifice of oil") && none.contains("there is none"), "{none}");
+    let wide = refused("ford-v6", "effects.leak_gap.plunger.gap_um=5000");
+    assert!(wide.contains("-500") && wide.contains("500"), "{wide}");
+    let rail = refused("ford-v6", "effects.guide_compliance.slack.compliance_um_per_kn=5");
+    assert!(rail.contains("`slack` is a rail"), "{rail}");
+}
+
 /// A drive on which an effect can act, as it is called, its text, and the values that make it so. Spans have effects on chains of
-/// spans alone.
+/// spans alone, oil where there is some.
 fn host(effect: &pitchline::effects::Effect) -> (&'static str, &'static str, Vec<String>) {
-    let on_spans = effect.links == Some(pitchline::effects::On::Span);
-    let (name, text) = pitchline::drive::BUNDLED[if on_spans { 4 } else { 0 }];
-    let spans = on_spans.then(|| "chains.second.fidelity=spans".to_string());
-    (name, text, spans.into_iter().collect())
+    use pitchline::effects::{On, Part};
+    let (name, sets) = match (effect.links, effect.part) {
+        (Some(On::Span), _) => ("reduction-20-40-20-40", vec!["chains.second.fidelity=spans".to_string()]),
+        (_, Part::Tensioner) => ("ford-v6", Vec::new()),
+        _ => ("bush-20-40", Vec::new()),
+    };
+    let (_, text) = pitchline::drive::BUNDLED.iter().find(|(bundled, _)| *bundled == name).expect("it is bundled");
+    (name, text, sets)
+}
+
+/// What the effect acts on there.
+fn target_of(on: Option<pitchline::effects::On>) -> &'static str {
+    use pitchline::effects::On;
+    match on {
+        Some(On::Guide) => "tight",
+        Some(On::Sprocket | On::Prescribed) => "driver",
+        Some(On::Chain) => "odd",
+        Some(On::Body) | None => "driven",
+        Some(On::Span) => "output-pinion",
+        Some(On::Leak) => "plunger",
+        Some(On::Orifice) => "throttle",
+        Some(On::Check) => "ball",
+        Some(On::Oil) => "oil",
+        Some(On::Joints | On::Input | On::Sensor | On::AngleSensor | On::Pickup) => "chain",
+    }
 }
 
 /// Drives with link bodies accept the effects that the catalogue assigns to them.
 #[test]
 fn drives_with_links_take_the_effects_that_say_so() {
-    use pitchline::effects::{EFFECTS, On};
+    use pitchline::effects::EFFECTS;
     let mut taken = 0;
     for e in EFFECTS {
-        let target = match e.links.unwrap_or(e.on) {
-            On::Guide => "tight",
-            On::Sprocket | On::Prescribed => "driver",
-            On::Chain => "odd",
-            On::Body => "driven",
-            On::Span => "output-pinion",
-            _ => "chain",
-        };
+        let target = target_of(Some(e.links.unwrap_or(e.on)));
         let keys = e.parameters.iter().filter(|p| !p.lumped_only);
         let (name, text, mut sets) = host(e);
         sets.extend(keys.map(|p| format!("effects.{}.{target}.{}={}", e.name, p.key, p.low.max(1.0))));
@@ -68,7 +164,7 @@ fn drives_with_links_take_the_effects_that_say_so() {
         assert_eq!(result.is_ok(), e.links.is_some(), "{}: {sets:?}", e.name);
         taken += usize::from(e.links.is_some());
     }
-    assert_eq!(taken, 21);
+    assert_eq!(taken, 28);
 }
 
 /// A drive with links takes each parameter of an effect in the whole range of its row, and nothing outside; a fit of it has the same
@@ -76,21 +172,15 @@ fn drives_with_links_take_the_effects_that_say_so() {
 #[test]
 fn readers_and_fits_have_the_ranges_of_the_catalogue() {
     use pitchline::drive::{Drive, sensors::is_signal};
-    use pitchline::effects::{EFFECTS, Kind, On, Parameter};
+    use pitchline::effects::{EFFECTS, Kind, Parameter};
     use pitchline::machine::Machine;
     let mut tried = 0;
     for e in EFFECTS.into_iter().filter(|e| e.links.is_some() || is_signal(e)) {
         let (drive, text, sets) = host(e);
-        let text = if sets.is_empty() { format!("{text}\n[sensors.encoder.driven]\n") } else { text.to_string() };
+        let has_driven = drive == "bush-20-40";
+        let text = if has_driven { format!("{text}\n[sensors.encoder.driven]\n") } else { text.to_string() };
         let plain = Machine::of_links(&Drive::parse(drive, &text, &sets).expect("a drive"));
-        let target = match e.links {
-            Some(On::Guide) => "tight",
-            Some(On::Sprocket | On::Prescribed) => "driver",
-            Some(On::Chain) => "odd",
-            Some(On::Body) | None => "driven",
-            Some(On::Span) => "output-pinion",
-            Some(_) => "chain",
-        };
+        let target = target_of(e.links);
         let rows: Vec<_> = e.parameters.iter().filter(|p| !p.lumped_only).collect();
         // The range of an index ends with the chain before the row's does.
         for p in rows.iter().filter(|p| p.kind != Kind::Index) {

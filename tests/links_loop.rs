@@ -4,7 +4,7 @@
 #[path = "links/mod.rs"]
 mod links;
 
-use links::{CASES, REDUCTION_CASES, bush, identified, one_chain, reduction, write};
+use links::{CASES, REDUCTION_CASES, TENSIONER_CASES, bush, identified, one_chain, reduction, tensioner, write};
 use pitchline::identify::report::IdentificationVerdict;
 
 /// A drive whose tooth counts divide its link count: 20 and 40 teeth, 120 links.
@@ -84,6 +84,25 @@ fn causes_on_the_second_of_two_chains_are_named() {
         let path = folder.path().join("measured.toml");
         let text = std::fs::read_to_string(&path).expect("the measurement");
         std::fs::write(&path, format!("{text}[candidates]\n{only}\n")).expect("written");
+        let r = identified(folder.path(), 2).expect("identified");
+        let found: Vec<&str> = r.effects.iter().map(|e| e.path.as_str()).collect();
+        assert_eq!((r.outcome, found), (IdentificationVerdict::Named, vec![case.path]), "{name}");
+        let size = r.effects[0].parameters.iter().find(|p| p.path.ends_with(key)).expect("its size").value;
+        assert!((size / truth - 1.0).abs() < 0.1, "{name}: {size}");
+    }
+}
+
+/// A check valve that does not close, and a plunger that rubs in its bore: each is named among what else makes a tensioner softer or harder.
+#[test]
+fn causes_in_a_hydraulic_tensioner_are_named() {
+    let on_oil: &[&str] = &["check_leak", "leak_gap", "oil_air"];
+    for (name, only, key, truth) in [
+        ("tensioner, dirt under the ball", on_oil, "diameter_um", 500.0),
+        ("tensioner, plunger rubs in its bore", &["coulomb_friction", "leak_gap", "oil_air"], "force_n", 15.0),
+    ] {
+        let case = TENSIONER_CASES.iter().find(|c| c.name == name).expect("the case");
+        let folder = tempfile::tempdir().expect("a folder");
+        write(folder.path(), &links::Rig { only, ..tensioner() }, case, 11);
         let r = identified(folder.path(), 2).expect("identified");
         let found: Vec<&str> = r.effects.iter().map(|e| e.path.as_str()).collect();
         assert_eq!((r.outcome, found), (IdentificationVerdict::Named, vec![case.path]), "{name}");

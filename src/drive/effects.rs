@@ -7,12 +7,12 @@ use super::{
     TightJoint, sensors,
 };
 use crate::diag::last_name;
-use crate::elements::hydraulics::MAX_PASSAGES;
 use crate::effects::{
     Effect, On, Parameter, alternate_pitch, check_leak, gap_error, guide_compliance, guide_friction, joint_damping,
     joint_stiffness, leak_gap, link_mass, oil_air, oil_viscosity, orifice_diameter, pin_friction, pitch_error,
     span_damping, span_stiffness, sprocket_runout, tight_joint, tooth_pitch_error, wear_elongation,
 };
+use crate::elements::hydraulics::MAX_PASSAGES;
 
 /// What effects act on, by their names.
 #[derive(Clone, Copy)]
@@ -197,7 +197,8 @@ fn read_oil_effects(t: &TomlTable<'_>, oil: Option<&OilSpec>, effects: &mut Effe
             let [wider_m] = numbers(&t, effect);
             if !known.contains(&passage.as_str()) {
                 let what = effect.on.label();
-                let help = if known.is_empty() { "there is none".into() } else { format!("there are: {}", known.join(", ")) };
+                let help =
+                    if known.is_empty() { "there is none".into() } else { format!("there are: {}", known.join(", ")) };
                 t.error(format!("`{passage}` is not {what}"), Some(help));
             }
             let gap = passages().filter(|p| last_name(&p.path) == passage).find_map(|p| match &p.law {

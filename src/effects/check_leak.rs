@@ -15,9 +15,7 @@ pub const ROW: Effect = Effect {
     order: "none: travel, its order of the excitation, mean pressure",
     speed_law: "0",
     channels: "travel of the plunger, pressure",
-    parameters: &[
-        Parameter::new("diameter_um", UM, 0.0, 5000.0, Kind::Amplitude).starts(Scale::One, &[2e-4]),
-    ],
+    parameters: &[Parameter::new("diameter_um", UM, 0.0, 5000.0, Kind::Amplitude).starts(Scale::One, &[2e-4])],
     dissipative: false,
     physics: Physics::LinksOnly,
     links: Some(On::Check),

@@ -12,9 +12,7 @@ pub const ROW: Effect = Effect {
     order: "none: heights of modes",
     speed_law: "1",
     channels: "tension, speeds at high orders",
-    parameters: &[
-        Parameter::new("damping_n_s_per_m", 1.0, -1e5, 1e5, Kind::Amplitude).starts(Scale::One, &[50.0]),
-    ],
+    parameters: &[Parameter::new("damping_n_s_per_m", 1.0, -1e5, 1e5, Kind::Amplitude).starts(Scale::One, &[50.0])],
     dissipative: true,
     physics: Physics::LinksOnly,
     links: Some(On::Joints),

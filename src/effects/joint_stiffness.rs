@@ -12,9 +12,7 @@ pub const ROW: Effect = Effect {
     order: "none: frequencies of sprockets on spans, mean travel of a tensioner",
     speed_law: "0",
     channels: "speeds, tension, travel of the tensioner, near modes above all",
-    parameters: &[
-        Parameter::new("share_percent", 1e-2, -90.0, 900.0, Kind::Amplitude).starts(Scale::One, &[0.1]),
-    ],
+    parameters: &[Parameter::new("share_percent", 1e-2, -90.0, 900.0, Kind::Amplitude).starts(Scale::One, &[0.1])],
     dissipative: false,
     physics: Physics::LinksOnly,
     links: Some(On::Joints),

@@ -12,9 +12,7 @@ pub const ROW: Effect = Effect {
     order: "none: what leaks, drag of plungers",
     speed_law: "1",
     channels: "travel of the plunger, pressure, leakage",
-    parameters: &[
-        Parameter::new("share_percent", 1e-2, -90.0, 900.0, Kind::Amplitude).starts(Scale::One, &[0.2]),
-    ],
+    parameters: &[Parameter::new("share_percent", 1e-2, -90.0, 900.0, Kind::Amplitude).starts(Scale::One, &[0.2])],
     dissipative: false,
     physics: Physics::LinksOnly,
     links: Some(On::Oil),

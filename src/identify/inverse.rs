@@ -378,10 +378,12 @@ fn smoothed_records(forward: &Problem, context: &Context) -> Option<(InverseReco
     best.map(|(records, _)| (records, tried))
 }
 
-/// Largest number of effects in a set, and how many sets of a size go on.
+/// Largest number of effects in a set, and how many sets of a size go on: of those with loads alone, and of those with a body that the drive
+/// does not have. Such a body has a speed of its own at the start of every record, and behind a damper does what drag and a constant torque
+/// do together: alone it beats either of them.
 const ROUNDS: usize = 2;
 const BEAM: usize = 2;
-/// Sets of a size with which the simulation is fitted.
+/// Sets of a size and of either kind with which the simulation is fitted.
 const STARTS: usize = 2;
 
 /// Numbers of a model by inverse dynamics, beside those of the simulation: a second voice, whose errors are others.
@@ -499,9 +501,14 @@ pub fn starts<'a>(
         }
         let effective = search::best_effective(if next.is_empty() { &beam } else { &next });
         next.sort_by(|a, b| score(a, &effective).total_cmp(&score(b, &effective)));
-        next.truncate(BEAM);
+        let added = |m: &FittedModel| m.effects.iter().any(|h| matches!(h.effect.physics, Physics::SecondBody { .. }));
+        let (mut with_bodies, mut loads): (Vec<_>, Vec<_>) = next.into_iter().partition(added);
         let least = |all: &[FittedModel]| all.iter().map(|m| score(m, &effective)).fold(f64::MAX, f64::min);
-        found.extend(next.iter().take(STARTS).map(|m| forward_start(forward, m)));
+        for kind in [&mut with_bodies, &mut loads] {
+            kind.truncate(BEAM);
+            found.extend(kind.iter().take(STARTS).map(|m| forward_start(forward, m)));
+        }
+        let next: Vec<FittedModel> = with_bodies.into_iter().chain(loads).collect();
         // A pair may explain what neither of its effects does alone.
         if next.is_empty() || round > 1 && least(&next) > least(&beam) - search::MIN_SCORE_GAIN {
             break;

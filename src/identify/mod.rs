@@ -51,6 +51,7 @@ use crate::machine::Machine;
 use crate::machine::simulate::RunError;
 use crate::measurement::Measurement;
 use crate::measurement::segments::Data;
+use predict::PredictedRecords;
 use report::{IdentificationReport, IdentificationVerdict};
 use search::Context;
 use std::cell::OnceCell;
@@ -72,9 +73,6 @@ impl std::fmt::Display for DeclaredModelFails {
 }
 
 impl std::error::Error for DeclaredModelFails {}
-
-/// The second share counts as another one where it is below this part of the first. Not varied.
-const SAME_SHARE: f64 = 0.8;
 
 /// Single effects that are looked at again where one at most is accepted: their sizes may differ from record to record.
 const LEADS: usize = 12;
@@ -102,9 +100,8 @@ pub fn identify(
     }
     let records_on_the_way = Default::default();
     let searched = search::search(measurement, problem, &own, context);
-    let (searched, mut begun) =
+    let (searched, begun) =
         predict::from_short_memory(measurement, (&named, &own), searched, &records_on_the_way, context);
-    let is_final = begun.as_ref().is_some_and(|b| b.is_final);
     let leads = single_effects(&searched);
     let again = searched.is_settled.then(|| searched.declared.clone());
     let mut found = accept::accept(searched, None, &own, context);
@@ -128,48 +125,10 @@ pub fn identify(
         let proposed = report.varying.first().filter(|_| !has_course).map(drifting::VaryingNumber::experiment);
         report.next_experiment.splice(0..0, proposed);
     }
-    // The first share also corrects what the missing effects do. With the effects that prediction has found, a second share is chosen.
     let noisy: [OnceCell<(Data, Data)>; 2] = Default::default();
-    for records in &noisy {
-        let last = report.prediction.as_ref().map(|p| p.share);
-        let is_done = has_course || report.explained && last.is_none() || is_final && last.is_some();
-        if context.must_end() || is_done {
-            break;
-        }
-        let (share, searched) = match begun.take() {
-            Some(begun) => (begun.share, begun.searched),
-            None => {
-                let Some(share) = predict::share(&found.best, context) else { break };
-                if last.is_some_and(|last| share > SAME_SHARE * last) {
-                    break;
-                }
-                let (noisy, held_out) = records.get_or_init(|| predict::noisy_records(data, machine, share));
-                (share, predict::search(measurement, (&named, noisy, held_out), &found.best, share, context))
-            }
-        };
-        let noisy = searched.declared.problem.data;
-        let held_out = searched.declared.own;
-        let predicted = accept::accept(searched, Some(&found.best), held_out, context);
-        if context.must_end() {
-            let cut = "the search ended before all was predicted: names and errors are those of the way before";
-            report.warnings.push(cut.into());
-            break;
-        }
-        let simulated = report.prediction.take().map_or_else(|| report.error_after.clone(), |p| p.simulated);
-        let both = predict::compared(&predicted, &found, simulated, share);
-        let mut second = report::report(measurement, noisy, &predicted);
-        second.explained &= predict::is_small(&predicted.best, &both.unmeasured);
-        if second.effects.is_empty() && !second.explained && !report.effects.is_empty() {
-            let alone = "prediction finds none of these effects, and leaves something too";
-            report.doubts.push(alone.into());
-            break;
-        }
-        if !second.explained {
-            second.varying = report.varying;
-        }
-        report = second;
-        report.predicted(both);
-        found = predicted;
+    if !has_course {
+        let records = PredictedRecords { data, machine, named: &named, noisy: &noisy };
+        (found, report) = predict::by_prediction(measurement, &records, begun, (found, report), context);
     }
     let cut_short = found.cut_short || context.must_end();
     if search::is_at_step_limit(&found.best) {

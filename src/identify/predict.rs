@@ -9,13 +9,13 @@
 //! then is white if it lacks nothing but such a force. The prediction decides where the simulation ends above the noise, or with a rest that is
 //! not white, and where it errs clearly less. What stands by one of both ways alone is told.
 
-use super::accept::AcceptedResult;
+use super::accept::{self, AcceptedResult};
 use super::candidates::{Hypothesis, Sizes};
 use super::fit::{FitOptions, fit};
 use super::judge;
 use super::model::{FIT_ITERATIONS, FittedModel, fit_model, refitted};
 use super::problem::{Point, Problem};
-use super::report::ChannelError;
+use super::report::{self, ChannelError, IdentificationReport};
 use super::search::{self, Context, SearchResult};
 use super::stats;
 use crate::effects::{Physics, sign_blind};
@@ -87,7 +87,7 @@ fn corrects(m: &Machine, sensor: usize) -> bool {
 }
 
 /// The share at which the error of prediction, from the largest share down, is least for the first time; None: the simulation is as good.
-pub(super) fn share(best: &FittedModel, context: &Context) -> Option<f64> {
+fn share(best: &FittedModel, context: &Context) -> Option<f64> {
     if !is_possible(&best.problem) {
         return None;
     }
@@ -129,7 +129,7 @@ pub(super) fn share(best: &FittedModel, context: &Context) -> Option<f64> {
 
 /// The records and their held-out segments, with the noise that predictions have at best: that of the channel and what is not known of the
 /// state.
-pub(super) fn noisy_records(data: &Data, m: &Machine, share: f64) -> (Data, Data) {
+fn noisy_records(data: &Data, m: &Machine, share: f64) -> (Data, Data) {
     let mut noisy = data.clone();
     for channel in noisy.channels.iter_mut().filter(|c| corrects(m, c.sensor)) {
         channel.noise /= libm::sqrt(1.0 - share);
@@ -139,7 +139,7 @@ pub(super) fn noisy_records(data: &Data, m: &Machine, share: f64) -> (Data, Data
 }
 
 /// The whole search once more, by prediction. The set that the simulation has found takes part.
-pub(super) fn search<'a>(
+fn search<'a>(
     measurement: &Measurement,
     (machine, data, own): (&Machine, &'a Data, &'a Data),
     simulated: &FittedModel<'a>,
@@ -300,6 +300,74 @@ fn start<'a>(
     Some(PredictedStart::Prediction(begun))
 }
 
+/// The second share counts as another one where it is below this part of the first. Not varied.
+const SAME_SHARE: f64 = 0.8;
+
+/// What a prediction is held against.
+pub(super) struct PredictedRecords<'a> {
+    pub data: &'a Data,
+    pub machine: &'a Machine,
+    /// The machine that knows the noise of its channels.
+    pub named: &'a Machine,
+    /// The records with the noise of predictions, for the first share and the second.
+    pub noisy: &'a [OnceCell<(Data, Data)>; 2],
+}
+
+/// What is found and told where predictions err less than the simulation. The first share also corrects what the missing effects do: with the
+/// effects that prediction has found, a second share is chosen.
+pub(super) fn by_prediction<'a>(
+    measurement: &Measurement,
+    of: &PredictedRecords<'a>,
+    begun: Option<BegunPrediction<'a>>,
+    (mut found, mut report): (AcceptedResult<'a>, IdentificationReport),
+    context: &'a Context<'a>,
+) -> (AcceptedResult<'a>, IdentificationReport) {
+    let is_final = begun.as_ref().is_some_and(|b| b.is_final);
+    let mut begun = begun;
+    for records in of.noisy {
+        let last = report.prediction.as_ref().map(|p| p.share);
+        let is_done = report.explained && last.is_none() || is_final && last.is_some();
+        if context.must_end() || is_done {
+            break;
+        }
+        let (share, searched) = match begun.take() {
+            Some(begun) => (begun.share, begun.searched),
+            None => {
+                let Some(share) = share(&found.best, context) else { break };
+                if last.is_some_and(|last| share > SAME_SHARE * last) {
+                    break;
+                }
+                let (noisy, held_out) = records.get_or_init(|| noisy_records(of.data, of.machine, share));
+                (share, search(measurement, (of.named, noisy, held_out), &found.best, share, context))
+            }
+        };
+        let noisy = searched.declared.problem.data;
+        let held_out = searched.declared.own;
+        let predicted = accept::accept(searched, Some(&found.best), held_out, context);
+        if context.must_end() {
+            let cut = "the search ended before all was predicted: names and errors are those of the way before";
+            report.warnings.push(cut.into());
+            break;
+        }
+        let simulated = report.prediction.take().map_or_else(|| report.error_after.clone(), |p| p.simulated);
+        let both = compared(&predicted, &found, simulated, share);
+        let mut second = report::report(measurement, noisy, &predicted);
+        second.explained &= is_small(&predicted.best, &both.unmeasured);
+        if second.effects.is_empty() && !second.explained && !report.effects.is_empty() {
+            let alone = "prediction finds none of these effects, and leaves something too";
+            report.doubts.push(alone.into());
+            break;
+        }
+        if !second.explained {
+            second.varying = report.varying;
+        }
+        report = second;
+        report.predicted(both);
+        found = predicted;
+    }
+    (found, report)
+}
+
 /// Paths of the accepted effects, each with those that cannot be told from it.
 fn names(found: &AcceptedResult) -> Vec<Vec<String>> {
     let with_rivals = |(i, h): (usize, &super::candidates::Hypothesis)| {
@@ -310,7 +378,7 @@ fn names(found: &AcceptedResult) -> Vec<Vec<String>> {
 }
 
 /// What both ways say.
-pub(super) fn compared(
+fn compared(
     predicted: &AcceptedResult,
     simulated: &AcceptedResult,
     errors: Vec<ChannelError>,
@@ -374,7 +442,7 @@ fn unmeasured(best: &FittedModel, share: f64) -> Vec<UnmeasuredForce> {
 const SMALL_FORCE: f64 = 0.3;
 
 /// Whether the force that nobody measures is small beside the others, so that little is laid to it.
-pub(super) fn is_small(best: &FittedModel, unmeasured: &[UnmeasuredForce]) -> bool {
+fn is_small(best: &FittedModel, unmeasured: &[UnmeasuredForce]) -> bool {
     let problem = &best.problem;
     let sizes = Sizes::new(problem, &best.fit.point);
     unmeasured.iter().all(|force| {

@@ -98,6 +98,12 @@ impl LinearisedBase {
         project_out(&out, &self.basis)
     }
 
+    /// An earlier screening of a hypothesis, beside what this model has taken up since.
+    pub fn reused(&self, earlier: &ScreeningResult) -> ScreeningResult {
+        let columns: Vec<Vec<f64>> = earlier.columns.iter().map(|c| self.projected(c)).collect();
+        ScreeningResult { gain: self.gain(&columns), columns, ..earlier.clone() }
+    }
+
     /// Sum of squares that remains to be explained.
     pub fn cost(&self) -> f64 {
         self.residual.iter().map(|r| r * r).sum()

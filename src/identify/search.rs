@@ -292,6 +292,7 @@ fn rounds<'a>(
     let detectable = structure::detectable(&declared.problem.machine, &base, &first.hypotheses, &first.screenings);
     let alike = structure::indistinguishable_pairs(&first.hypotheses, &first.screenings);
     let hypotheses = first.hypotheses.clone();
+    let at_declared = first.clone();
     let mut reasons = Vec::new();
     let mut trials: Vec<Trial> = Vec::new();
     for m in &prepared {
@@ -321,7 +322,8 @@ fn rounds<'a>(
             }
             context.report(&format!("round {round}: screening hypotheses"));
             let screened_now = first.take().unwrap_or_else(|| {
-                screened(&measurement.candidates, model, &LinearisedBase::new(&model.problem, &model.fit), context)
+                let base = LinearisedBase::new(&model.problem, &model.fit);
+                screened_again(&measurement.candidates, model, &base, Some(&at_declared), context)
             });
             let seen = &mut seen[usize::from(is_far(&declared.problem, &file, &model.fit.point))];
             let grown = extend_by_one_effect(screened_now, model, own, context, seen, &mut trials, &mut reasons);
@@ -597,6 +599,7 @@ pub(super) fn set_step_limit(problem: &mut Problem, fitted: &Point) {
 }
 
 /// Hypotheses for a model, with their screening results.
+#[derive(Clone)]
 struct ScreenedHypotheses {
     hypotheses: Vec<Hypothesis>,
     screenings: Vec<ScreeningResult>,
@@ -605,6 +608,22 @@ struct ScreenedHypotheses {
 }
 
 fn screened(spec: &CandidateSpec, model: &FittedModel, base: &LinearisedBase, context: &Context) -> ScreenedHypotheses {
+    screened_again(spec, model, base, None, context)
+}
+
+/// Hypotheses whose screening takes runs of its own, that are screened again beside an accepted effect: those that promise most by what they did
+/// before. Not varied.
+const RESCREENED: usize = 8;
+
+/// As [`screened`], where an earlier screening of the declared model is known. Where a column takes a run of links, those that promise little by
+/// their earlier columns keep them.
+fn screened_again(
+    spec: &CandidateSpec,
+    model: &FittedModel,
+    base: &LinearisedBase,
+    earlier: Option<&ScreenedHypotheses>,
+    context: &Context,
+) -> ScreenedHypotheses {
     let mut sizes = Sizes::new(&model.problem, &model.fit.point);
     sizes.orders = standing_orders(model, context.threads);
     let slots: Vec<usize> = model.problem.globals.iter().map(|g| g.slot).collect();
@@ -614,7 +633,22 @@ fn screened(spec: &CandidateSpec, model: &FittedModel, base: &LinearisedBase, co
     // A clock that errs is looked for by simulation alone.
     let predicts = model.problem.correction > 0.0;
     hypotheses.retain(|h| !(predicts && matches!(h.effect.physics, Physics::Clock(_))));
-    let screened = |i: usize| screen(&model.problem, base, &model.fit, &hypotheses[i]);
+    let known = |h: &Hypothesis| {
+        let earlier = earlier.filter(|_| m.shows_at_start_alone(h.effect))?;
+        let at = earlier.hypotheses.iter().position(|e| e.identity() == h.identity() && e.values == h.values)?;
+        Some(&earlier.screenings[at]).filter(|p| p.idle || !p.columns.is_empty())
+    };
+    let mut reused: Vec<Option<ScreeningResult>> =
+        hypotheses.iter().map(|h| known(h).map(|p| base.reused(p))).collect();
+    let mut order: Vec<usize> = (0..reused.len()).filter(|i| reused[*i].as_ref().is_some_and(|p| !p.idle)).collect();
+    let gain = |i: &usize| reused[*i].as_ref().map_or(0.0, |p| p.gain);
+    order.sort_by(|a, b| gain(b).total_cmp(&gain(a)).then(a.cmp(b)));
+    order.truncate(RESCREENED);
+    order.into_iter().for_each(|i| reused[i] = None);
+    let screened = |i: usize| match &reused[i] {
+        Some(known) => known.clone(),
+        None => screen(&model.problem, base, &model.fit, &hypotheses[i]),
+    };
     let screenings = parallel(hypotheses.len(), context.threads, screened);
     ScreenedHypotheses { hypotheses, screenings, left_out }
 }

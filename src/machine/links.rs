@@ -69,8 +69,7 @@ impl Machine {
             let OuterSpec::Load { inertia_kg_m2, .. } = drive.shafts[k].outer else { return None };
             Some((format!("shafts.{}", drive.shafts[k].name), "inertia_kg_m2", 1.0, inertia_kg_m2))
         });
-        let arms =
-            drive.arms.iter().map(|a| Some((format!("arms.{}", a.name), "inertia_kg_m2", 1.0, a.inertia_kg_m2)));
+        let arms = drive.arms.iter().map(|a| Some((format!("arms.{}", a.name), "inertia_kg_m2", 1.0, a.inertia_kg_m2)));
         let sliders = drive.sliders.iter().map(|s| Some((format!("sliders.{}", s.name), "mass_g", GRAM, s.mass_kg)));
         for (path, key, unit, inertia) in bare.chain(arms).chain(sliders).flatten() {
             m.bodies.push(Body {

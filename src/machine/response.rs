@@ -19,6 +19,11 @@ use crate::sensing::Tracer;
 
 /// Settling time after the drive's own run-in [s], for transients of its start.
 const SETTLE_S: f64 = 0.06;
+/// Where oil leaks, a tensioner creeps to its place: settling goes on until the means of sensors over this time [s] change by less than
+/// this share of the noise, or of how much they vary in this time, twice in a row; for this time at most [s]. Not varied.
+const CREEP_WINDOW_S: f64 = 0.1;
+const CREEP_SHARE: f64 = 0.1;
+const LONGEST_CREEP_S: f64 = 2.0;
 /// Shortest and longest duration that is folded [s].
 const SHORTEST_S: f64 = 0.3;
 const LONGEST_S: f64 = 1.6;
@@ -130,6 +135,35 @@ fn with_long_period(drive: &Drive) -> Option<WithoutPeriod> {
     (period_s > MAX_PERIOD_S).then_some(WithoutPeriod { path: "sprockets".to_string(), title, help })
 }
 
+/// Runs on until the means of the sensors, but for angles, no longer drift.
+fn creep_to_rest(tracer: &mut Tracer, drive: &Drive, window_s: f64, noise: &[f64]) -> Result<(), StepError> {
+    let mut before: Option<Vec<f64>> = None;
+    let mut still = 0;
+    for _ in 0..libm::ceil(LONGEST_CREEP_S / window_s).max(2.0) as usize {
+        tracer.clear_readings();
+        tracer.run_until(window_s)?;
+        let all = 0..drive.sensors.len();
+        let mean_of = |s: usize, f: &dyn Fn(f64) -> f64| {
+            let readings = tracer.readings(s);
+            readings.iter().map(|x| f(*x)).sum::<f64>() / readings.len().max(1) as f64
+        };
+        let means: Vec<f64> = all.clone().map(|s| mean_of(s, &|x| x)).collect();
+        let drifts = |s: usize, before: &[f64]| {
+            let varies = libm::sqrt(mean_of(s, &|x| (x - means[s]) * (x - means[s])));
+            let size = noise.get(s).copied().unwrap_or(0.0).max(varies);
+            !matches!(drive.sensors[s].reads, SensorReads::Angle(_))
+                && (means[s] - before[s]).abs() > CREEP_SHARE * size
+        };
+        let is_still = before.as_ref().is_some_and(|before| !all.clone().any(|s| drifts(s, before)));
+        still = if is_still { still + 1 } else { 0 };
+        if still == 2 {
+            break;
+        }
+        before = Some(means);
+    }
+    Ok(())
+}
+
 /// Longest period that is run [s].
 pub(super) const MAX_PERIOD_S: f64 = 10.0;
 
@@ -165,6 +199,10 @@ impl PeriodicResponse {
         let bin_s = BIN_S.max(period_s / MAX_BINS as f64).min(pair_s / MIN_BINS as f64);
         let mut tracer = Tracer::new(drive, bin_s).map_err(ResponseError::Assembly)?;
         tracer.run_for(SETTLE_S).map_err(ResponseError::Step)?;
+        if drive.oil.is_some() {
+            let window_s = period_s * libm::ceil(CREEP_WINDOW_S / period_s);
+            creep_to_rest(&mut tracer, drive, window_s, noise).map_err(ResponseError::Step)?;
+        }
         tracer.clear_readings();
         let turning: Vec<Option<f64>> = drive
             .sensors

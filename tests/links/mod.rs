@@ -148,7 +148,7 @@ pub const TENSIONER_CASES: [Case; 9] = [
     Case {
         name: "tensioner, worn bore",
         both: &[],
-        truth: &["effects.leak_gap.plunger.gap_um=12"],
+        truth: &["effects.leak_gap.plunger.gap_um=20"],
         free: &[],
         path: "effects.leak_gap.plunger",
     },
@@ -169,7 +169,10 @@ pub const TENSIONER_CASES: [Case; 9] = [
     Case {
         name: "tensioner, plunger rubs in its bore",
         both: &[],
-        truth: &["effects.coulomb_friction.plunger.force_n=15", "effects.coulomb_friction.plunger.stick_speed_m_s=0.002"],
+        truth: &[
+            "effects.coulomb_friction.plunger.force_n=15",
+            "effects.coulomb_friction.plunger.stick_speed_m_s=0.002",
+        ],
         free: &[],
         path: "effects.coulomb_friction.plunger",
     },
@@ -210,6 +213,14 @@ pub struct Rig {
     pub sensors: &'static str,
     /// Name, path of the sensor, unit.
     pub channels: &'static [(&'static str, &'static str, &'static str)],
+    /// Speeds of the driver [rpm], and what the records at them are used for.
+    pub speeds: [(f64, &'static str); 3],
+    /// Channels whose noise is not 1 % of their root mean square, and what it is, SI.
+    pub noise: &'static [(&'static str, f64)],
+    /// Before the records begin [s].
+    pub settles_s: f64,
+    /// Effects that are tried; empty: all.
+    pub only: &'static [&'static str],
 }
 
 /// Sensors: speed of the driven shaft, torque at the driver, tension of both spans; force of the guide if it is pressed
@@ -227,7 +238,7 @@ const CHANNELS: [(&str, &str, &str); 5] = [
 /// A bush drive with one chain.
 pub fn one_chain(text: &str, case: &Case) -> Rig {
     let channels = if case.both.is_empty() { &CHANNELS[..4] } else { &CHANNELS[..] };
-    Rig { text: text.to_string(), sensors: SENSORS, channels }
+    Rig { text: text.to_string(), sensors: SENSORS, channels, speeds: SPEEDS, noise: &[], settles_s: 0.1, only: &[] }
 }
 
 /// Two chains on a common shaft.
@@ -242,14 +253,33 @@ pub fn reduction() -> Rig {
             ("first", "sensors.strain_gauge.first", "N"),
             ("second", "sensors.strain_gauge.second", "N"),
         ],
+        speeds: SPEEDS,
+        noise: &[],
+        settles_s: 0.1,
+        only: &[],
     }
 }
+
+/// What tensioners, guides, joints and gauges may have. A search of all effects takes three times as long.
+const TENSIONER_EFFECTS: [&str; 11] = [
+    "leak_gap",
+    "check_leak",
+    "oil_air",
+    "oil_viscosity",
+    "coulomb_friction",
+    "constant_torque",
+    "joint_stiffness",
+    "joint_damping",
+    "guide_friction",
+    "gain_error",
+    "offset",
+];
 
 /// One chain with an arm and a hydraulic tensioner. A speed that swings makes its plunger pump.
 pub fn tensioner() -> Rig {
     let (_, text) = BUNDLED.iter().find(|(name, _)| *name == "tensioner-20-40").expect("it is bundled");
     Rig {
-        text: text.replace("speed_rpm = 3000", "orders = [2]\namplitudes_deg = [0.6]\nspeed_rpm = 3000"),
+        text: text.replace("speed_rpm = 3000", "orders = [2]\namplitudes_deg = [1.5]\nspeed_rpm = 3000"),
         sensors: "\n[sensors.tachometer.driven]\n\n[sensors.torque.driver]\n\n[sensors.strain_gauge.slack]\nspan = [\"driver\", \"driven\"]\n",
         channels: &[
             ("speed", "sensors.tachometer.driven", "rad/s"),
@@ -258,6 +288,12 @@ pub fn tensioner() -> Rig {
             ("travel", "sensors.displacement.plunger", "m"),
             ("pressure", "sensors.pressure.high", "Pa"),
         ],
+        speeds: [(2000.0, "fit"), (4000.0, "fit"), (3000.0, "judge")],
+        // The plunger stands 4 mm from where it is drawn, and moves by some 0.1 mm.
+        noise: &[("travel", 3e-6)],
+        // It creeps to its place.
+        settles_s: 1.5,
+        only: &TENSIONER_EFFECTS,
     }
 }
 
@@ -310,12 +346,12 @@ pub fn write(folder: &Path, rig: &Rig, case: &Case, seed: u64) {
         measurement += &format!("[channels.{name}]\nsensor = \"{sensor}\"\ncolumn = \"{name}\"\nunit = \"{unit}\"\n");
     }
     let mut random = Random(seed);
-    for (rpm, usage) in SPEEDS {
+    for (rpm, usage) in rig.speeds {
         let mut sets: Vec<String> = case.truth.iter().map(|s| (*s).to_string()).collect();
         sets.push(format!("speeds.constant.driver.speed_rpm={rpm}"));
         let real = Drive::parse("drive.toml", &drive, &sets).unwrap_or_else(|e| panic!("{e}"));
         let mut tracer = Tracer::new(&real, 2.5e-6).expect("assembled");
-        tracer.run_for(0.1 + 0.1 * random.uniform()).expect("runs");
+        tracer.run_for(rig.settles_s + 0.1 * random.uniform()).expect("runs");
         tracer.clear_readings();
         tracer.run_until(SAMPLES as f64 / RATE_HZ + 1e-3).expect("runs");
         let columns: Vec<Vec<f64>> = (0..channels.len())
@@ -326,8 +362,10 @@ pub fn write(folder: &Path, rig: &Rig, case: &Case, seed: u64) {
                     (0..SAMPLES).map(|i| between(series, i as f64 / RATE_HZ / tracer.step_s())).collect();
                 // Signal effects: only the encoder's wave is used here, implemented independently.
                 let values = if c == 0 { encoder(&real, &values) } else { values };
+                let own = rig.noise.iter().find(|(name, _)| *name == channels[c].0);
                 let rms = (values.iter().map(|v| v * v).sum::<f64>() / SAMPLES as f64).sqrt();
-                values.iter().map(|v| v + 0.01 * rms * random.normal()).collect()
+                let noise = own.map_or(0.01 * rms, |(_, si)| *si);
+                values.iter().map(|v| v + noise * random.normal()).collect()
             })
             .collect();
         let mut csv = channels.iter().map(|c| c.0).collect::<Vec<_>>().join(",") + "\n";
@@ -342,6 +380,9 @@ pub fn write(folder: &Path, rig: &Rig, case: &Case, seed: u64) {
     }
     for (path, spread) in case.free {
         measurement += &format!("[fit.\"{path}\"]\nspread_percent = {spread}\n");
+    }
+    if !rig.only.is_empty() {
+        measurement += &format!("[candidates]\nonly = {:?}\n", rig.only);
     }
     std::fs::write(folder.join("measured.toml"), measurement).expect("written");
 }
