@@ -535,8 +535,8 @@ pub struct PassageEffect {
     pub path: String,
     /// Name of the passage.
     pub passage: String,
-    /// Width of a gap, or diameter of a hole [m].
-    pub wider_m: f64,
+    /// By which a gap or a hole is wider [m]; area of the hole beside a ball [m2].
+    pub size: f64,
 }
 
 /// Spring and damper that a straight guide stands on, behind its contacts; it moves along its normal.

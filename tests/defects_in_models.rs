@@ -47,7 +47,7 @@ fn effects_on_tensioners_and_joints_reach_the_model() {
     let off = model(&[
         "effects.leak_gap.plunger.gap_um=0",
         "effects.orifice_diameter.throttle.diameter_um=0",
-        "effects.check_leak.ball.diameter_um=0",
+        "effects.check_leak.ball.area_mm2=0",
         "effects.oil_air.oil.air_percent=0",
         "effects.oil_viscosity.oil.share_percent=0",
         "effects.joint_stiffness.chain.share_percent=0",
@@ -58,7 +58,7 @@ fn effects_on_tensioners_and_joints_reach_the_model() {
     let changed = model(&[
         "effects.leak_gap.plunger.gap_um=50",
         "effects.orifice_diameter.throttle.diameter_um=500",
-        "effects.check_leak.ball.diameter_um=300",
+        "effects.check_leak.ball.area_mm2=0.1",
         "effects.oil_air.oil.air_percent=4",
         "effects.oil_viscosity.oil.share_percent=100",
         "effects.joint_stiffness.chain.share_percent=-20",
@@ -84,7 +84,7 @@ fn effects_on_tensioners_and_joints_reach_the_model() {
         other => panic!("{other:?}"),
     };
     close(diameter_m("passages.orifice.throttle"), 3e-3);
-    close(diameter_m("effects.check_leak.ball"), 0.3e-3);
+    close(0.25 * std::f64::consts::PI * diameter_m("effects.check_leak.ball").powi(2), 0.1e-6);
     assert_eq!(after.passages.len(), before.passages.len() + 1);
     let ends = |network: &pitchline::elements::hydraulics::Network, path: &str| {
         network.passages.iter().find(|p| p.path == path).map(|p| format!("{:?}", p.ends))

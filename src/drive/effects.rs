@@ -194,7 +194,7 @@ fn read_oil_effects(t: &TomlTable<'_>, oil: Option<&OilSpec>, effects: &mut Effe
                 PassageLaw::Check(_) => effect.on == On::Check,
             };
             let known: Vec<&str> = passages().filter(|p| takes(&p.law)).map(|p| last_name(&p.path)).collect();
-            let [wider_m] = numbers(&t, effect);
+            let [size] = numbers(&t, effect);
             if !known.contains(&passage.as_str()) {
                 let what = effect.on.label();
                 let help =
@@ -205,7 +205,7 @@ fn read_oil_effects(t: &TomlTable<'_>, oil: Option<&OilSpec>, effects: &mut Effe
                 PassageLaw::Leak { gap, .. } => Some(gap),
                 PassageLaw::Orifice { .. } | PassageLaw::Check(_) => None,
             });
-            if gap.is_some_and(|gap| gap.gap_m + wider_m > WIDEST_GAP * gap.diameter_m) {
+            if gap.is_some_and(|gap| gap.gap_m + size > WIDEST_GAP * gap.diameter_m) {
                 let help = "with the declared gap at most a tenth of the diameter";
                 t.error_at("gap_um", "the gap is too wide for a flow along a narrow slit".into(), Some(help.into()));
             }
@@ -213,7 +213,7 @@ fn read_oil_effects(t: &TomlTable<'_>, oil: Option<&OilSpec>, effects: &mut Effe
             if holes > MAX_PASSAGES {
                 t.error(format!("with this hole {holes} passages: at most {MAX_PASSAGES} are computed"), None);
             }
-            own.passages.push(PassageEffect { path: t.path().to_string(), passage, wider_m });
+            own.passages.push(PassageEffect { path: t.path().to_string(), passage, size });
             t.finish();
         }
         table.finish();

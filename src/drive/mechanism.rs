@@ -67,19 +67,19 @@ impl OilSpec {
         let mut spec = self.clone();
         spec.oil.air_share = (spec.oil.air_share + effects.air_share).clamp(0.0, MOST_AIR);
         spec.oil.viscosity_pa_s *= 1.0 + effects.viscosity_share;
-        for e in effects.passages.iter().filter(|e| e.wider_m != 0.0) {
+        for e in effects.passages.iter().filter(|e| e.size != 0.0) {
             let Some(k) = self.passages.iter().position(|p| last_name(&p.path) == e.passage) else { continue };
             let leak = match &mut spec.passages[k].law {
                 PassageLaw::Orifice { diameter_m, .. } => {
-                    *diameter_m = (*diameter_m + e.wider_m).max(NARROWEST_HOLE_M);
+                    *diameter_m = (*diameter_m + e.size).max(NARROWEST_HOLE_M);
                     None
                 }
                 PassageLaw::Leak { gap, .. } => {
-                    gap.gap_m = (gap.gap_m + e.wider_m).max(NARROWEST_GAP_M);
+                    gap.gap_m = (gap.gap_m + e.size).max(NARROWEST_GAP_M);
                     None
                 }
                 PassageLaw::Check(c) => Some(PassageLaw::Orifice {
-                    diameter_m: e.wider_m,
+                    diameter_m: libm::sqrt(4.0 * e.size / PI),
                     discharge: c.discharge,
                     transition_reynolds: c.transition_reynolds,
                 }),

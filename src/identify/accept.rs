@@ -256,7 +256,7 @@ pub fn accept<'a>(
     context.report("comparing the found effects with held-out data");
     let SearchResult {
         declared,
-        all,
+        mut all,
         effective,
         mut trials,
         reasons,
@@ -267,22 +267,48 @@ pub fn accept<'a>(
         is_lost: _,
         cut_short,
     } = searched;
-    let (mut best, mut evidence) = first_confirmed_set(&declared, &all, &effective, own, context, &mut trials);
-    (best, evidence) = with_known_laws(&declared, (best, evidence), &effective, own, context, &mut trials);
+    let known = (&hypotheses[..], &alike[..], is_settled);
+    let mut taken_up = 0;
+    let (best, evidence, rivals) = loop {
+        let (best, evidence) = accepted(&declared, &all, simulated, &effective, own, context, &mut trials);
+        let (rivals, better) = rivals(&declared, &best, &all, known, &effective, own, context, &mut trials);
+        let Some(better) = better.filter(|_| taken_up < TAKEN_UP && !context.must_end()) else {
+            break (best, evidence, rivals);
+        };
+        taken_up += 1;
+        all.push(better);
+        all.sort_by(|a, b| score(a, &effective).total_cmp(&score(b, &effective)));
+    };
+    record_outcomes(&best, &all, &effective, &mut trials);
+    AcceptedResult { declared, best, rivals, trials, reasons, evidence, detectable, alike, cut_short }
+}
+
+/// Rivals that take the place of an accepted set, one after the other, at most.
+const TAKEN_UP: usize = 2;
+
+/// The first of all sets that its tests confirm, with what a simulation has accepted.
+fn accepted<'a>(
+    declared: &FittedModel<'a>,
+    all: &[FittedModel<'a>],
+    simulated: Option<&FittedModel<'a>>,
+    effective: &[f64],
+    own: &'a Data,
+    context: &Context<'_>,
+    trials: &mut Vec<Trial>,
+) -> (FittedModel<'a>, Vec<Evidence>) {
+    let (mut best, mut evidence) = first_confirmed_set(declared, all, effective, own, context, trials);
+    (best, evidence) = with_known_laws(declared, (best, evidence), effective, own, context, trials);
     if let Some(simulated) = simulated {
-        (best, evidence) = with_confirmed_effects(&declared, (best, evidence), simulated, &effective, own, context);
+        (best, evidence) = with_confirmed_effects(declared, (best, evidence), simulated, effective, own, context);
     }
-    if let Some(why) = reason_why_unexplained(&declared, &best, own, context.threads) {
+    if let Some(why) = reason_why_unexplained(declared, &best, own, context.threads) {
         for e in &best.effects {
             let own = |t: &&mut Trial| t.identity == e.identity() && t.rms_fit.is_some() && t.why.is_empty();
             trials.iter_mut().filter(own).for_each(|t| t.why.clone_from(&why));
         }
         (best, evidence) = (declared.clone(), Vec::new());
     }
-    let rivals =
-        rivals(&declared, &best, &all, (&hypotheses, &alike, is_settled), &effective, own, context, &mut trials);
-    record_outcomes(&best, &all, &effective, &mut trials);
-    AcceptedResult { declared, best, rivals, trials, reasons, evidence, detectable, alike, cut_short }
+    (best, evidence)
 }
 
 /// Adds what a simulation has accepted and a prediction confirms. Over a few samples even a large load moves a prediction by little, so that
@@ -787,7 +813,8 @@ fn rival_of<'a>(
     Some(fit_model(early.problem.clone(), &early.fit.point, own, early.effects.clone(), 1, FIT_ITERATIONS))
 }
 
-/// Replaces every effect of the best model by each alternative that was examined, and keeps those that fit as well.
+/// Replaces every effect of the best model by each alternative that was examined, and keeps those that fit as well. Where fits are few, one of
+/// them may have missed its minimum in the search: the best model that fits clearly better, in held-out records too.
 fn rivals<'a>(
     declared: &FittedModel<'a>,
     best: &FittedModel<'a>,
@@ -797,8 +824,10 @@ fn rivals<'a>(
     own: &'a Data,
     context: &Context<'_>,
     trials: &mut [Trial],
-) -> Vec<Vec<Rival>> {
+) -> (Vec<Vec<Rival>>, Option<FittedModel<'a>>) {
     let best_score = score(best, effective);
+    let may_be_missed = !best.problem.machine.effort().is_thorough;
+    let mut better: Option<FittedModel<'a>> = None;
     let mut rivals = Vec::new();
     for which in 0..best.effects.len() {
         let id = best.effects[which].identity();
@@ -848,6 +877,11 @@ fn rivals<'a>(
                 continue;
             }
             let ratio = m.residuals().judge_ratio(best.residuals());
+            let is_clear = worse < -CLEAR_SCORE_GAP && ratio[2] < 1.0 && !same;
+            let is_best = better.as_ref().is_none_or(|b| score(&m, effective) < score(b, effective));
+            if may_be_missed && is_clear && is_best {
+                better = Some(m.clone());
+            }
             if ratio[1] < 1.02 || same {
                 mine.push(Rival { identity: h.identity(), path: h.path(), score: worse, judge_ratio: ratio });
                 for t in trials.iter_mut().filter(|t| t.identity == h.identity()) {
@@ -864,5 +898,5 @@ fn rivals<'a>(
         });
         rivals.push(mine);
     }
-    rivals
+    (rivals, better)
 }

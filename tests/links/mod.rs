@@ -155,7 +155,7 @@ pub const TENSIONER_CASES: [Case; 9] = [
     Case {
         name: "tensioner, dirt under the ball",
         both: &[],
-        truth: &["effects.check_leak.feed.diameter_um=500"],
+        truth: &["effects.check_leak.feed.area_mm2=0.2"],
         free: &[],
         path: "effects.check_leak.feed",
     },
