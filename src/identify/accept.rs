@@ -294,7 +294,7 @@ fn accepted<'a>(
     effective: &[f64],
     own: &'a Data,
     context: &Context<'_>,
-    trials: &mut Vec<Trial>,
+    trials: &mut [Trial],
 ) -> (FittedModel<'a>, Vec<Evidence>) {
     let (mut best, mut evidence) = first_confirmed_set(declared, all, effective, own, context, trials);
     (best, evidence) = with_known_laws(declared, (best, evidence), effective, own, context, trials);
