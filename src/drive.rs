@@ -489,7 +489,7 @@ pub struct Effects {
     pub joint_damping_n_s_per_m: f64,
     /// Friction and compliance of guides.
     pub guides: Vec<GuideEffect>,
-    /// Of oil, and of what it flows through.
+    /// What effects change about the oil, and about what it flows through.
     pub oil: OilEffects,
     /// Stiffness and damping of spans, in chains of spans.
     pub spans: Vec<SpanEffect>,
@@ -524,7 +524,7 @@ pub struct OilEffects {
     pub air_share: f64,
     /// Viscosity, as a share of the declared one.
     pub viscosity_share: f64,
-    /// Of passages, in the order of the file.
+    /// What effects change about single passages, in the order of the file.
     pub passages: Vec<PassageEffect>,
 }
 

@@ -19,8 +19,9 @@ use crate::sensing::Tracer;
 
 /// Settling time after the drive's own run-in [s], for transients of its start.
 const SETTLE_S: f64 = 0.06;
-/// Where oil leaks, a tensioner creeps to its place: settling goes on until the means of sensors over this time [s] change by less than
-/// this share of the noise, or of how much they vary in this time, twice in a row; for this time at most [s]. Not varied.
+/// Where oil leaks, a tensioner creeps to its place. Settling goes on until the means of sensors over this time [s], or over one period if that is
+/// longer, change by less than this share of the noise, or of how much they vary in this time, twice in a row. It ends after the longest time [s],
+/// or after two such windows, whether they still change or not. Not varied.
 const CREEP_WINDOW_S: f64 = 0.1;
 const CREEP_SHARE: f64 = 0.1;
 const LONGEST_CREEP_S: f64 = 2.0;

@@ -142,7 +142,7 @@ pub const REDUCTION_CASES: [Case; 5] = [
     },
 ];
 
-/// Of a drive with a hydraulic tensioner, whose crank's speed swings with order 2.
+/// Causes in a drive with a hydraulic tensioner. The speed of its driver swings with order 2.
 pub const TENSIONER_CASES: [Case; 9] = [
     Case { name: "tensioner, clean", both: &[], truth: &[], free: &[], path: "" },
     Case {
