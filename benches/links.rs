@@ -13,7 +13,12 @@ fn main() {
     );
     let one_chain = links::CASES.iter().map(|c| (links::one_chain(links::bush(), c), c));
     let reductions = links::REDUCTION_CASES.iter().map(|c| (links::reduction(), c));
-    let all = one_chain.chain(reductions).chain(links::TENSIONER_CASES.iter().map(|c| (links::tensioner(), c)));
+    let engines = links::ENGINE_CASES.iter().map(|c| {
+        let rig = if c.name.starts_with("ford") { links::ford_v6() } else { links::bmw318() };
+        (rig, c)
+    });
+    let tensioners = links::TENSIONER_CASES.iter().map(|c| (links::tensioner(), c));
+    let all = one_chain.chain(reductions).chain(tensioners).chain(engines);
     for (rig, case) in all.filter(|(_, c)| word.as_ref().is_none_or(|w| c.name.contains(w.as_str()))) {
         let folder = tempfile::tempdir().expect("a folder");
         let folder = match std::env::var_os("PITCHLINE_KEEP") {

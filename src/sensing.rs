@@ -140,7 +140,12 @@ impl Tracer {
     pub fn run_until(&mut self, covered_s: f64) -> Result<(), StepError> {
         let wanted = libm::ceil(covered_s / self.step_s()) as usize + 1;
         let have = self.readings.first().map_or(0, Vec::len);
-        for _ in have..wanted {
+        self.read_on(wanted.saturating_sub(have))
+    }
+
+    /// Continues the run for so many readings.
+    pub fn read_on(&mut self, readings: usize) -> Result<(), StepError> {
+        for _ in 0..readings {
             for k in 0..self.stride {
                 explicit::evaluate(&self.model, &self.state, &mut self.scratch)?;
                 if k == 0 {

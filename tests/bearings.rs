@@ -226,11 +226,36 @@ fn a_compliant_guide_stands_back_by_force_times_compliance() {
     }
 }
 
+/// A fixed rail does so along the normal of the line between its ends.
+#[test]
+fn a_compliant_rail_stands_back_by_force_times_compliance() {
+    for (name, per_kn) in [("bmw318", 100.0), ("bmw318", 1000.0), ("ford-v6", 300.0)] {
+        let (model, rest) = at_rest(&drive(name, "", &[&compliance(per_kn)])).unwrap_or_else(|e| panic!("{e}"));
+        let [mount] = model.mounts[..] else { panic!("one mount") };
+        let rail = model.rails.iter().find(|r| r.name == "tight").expect("a rail");
+        let ends = rail.rail.profile.elements();
+        let chord = ends.last().expect("elements").end() - ends[0].start();
+        // The material lies on the left of the contour.
+        let normal = -perp(chord / chord.norm());
+        let force_n: f64 = rail_touches(&model, &rest.configuration, rail)
+            .iter()
+            .map(|(_, _, t)| {
+                let radii = PairRadii { bush_m: t.link_radius_m, body_m: law_radius_m(t.body_radius_m) };
+                t.normal.dot(&normal) * rail.body.law.elastic(t.penetration_m, radii).force_n
+            })
+            .sum();
+        let moved_m = rest.configuration.coordinates[mount];
+        println!("{name}, {per_kn} um/kN: {:.4} um under {force_n:.3} N", moved_m * 1e6);
+        assert!(force_n > 1.0 && (moved_m / (-force_n * per_kn * 1e-9) - 1.0).abs() < 1e-6, "{moved_m} {force_n}");
+    }
+}
+
 /// The energy of the mount is in the ledger, of which next to nothing is missing; what its damper takes is counted.
 #[test]
 fn a_compliant_guide_keeps_the_joules() {
-    for (name, per_kn) in [("bush-20-40", 30.0), ("bush-20-40", 300.0), ("silent-20-40", 300.0)] {
-        let drive = drive(name, "", &[PRESSED, &compliance(per_kn)]);
+    for (name, per_kn) in [("bush-20-40", 30.0), ("bush-20-40", 300.0), ("silent-20-40", 300.0), ("bmw318", 1000.0)] {
+        let pressed = if name == "bmw318" { &[][..] } else { &[PRESSED][..] };
+        let drive = drive(name, "", &[pressed, &[&compliance(per_kn)]].concat());
         let Assembly { model, mut state, .. } = assembled(&drive);
         let (mut scratch, mut camera) = (Scratch::new(&model), Camera::default());
         let (mut energy, mut stored_j) = (None, 0.0_f64);

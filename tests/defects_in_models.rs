@@ -117,7 +117,11 @@ fn effects_on_tensioners_name_what_they_cannot_act_on() {
     let wide = refused("ford-v6", "effects.leak_gap.plunger.gap_um=5000");
     assert!(wide.contains("-500") && wide.contains("500"), "{wide}");
     let rail = refused("ford-v6", "effects.guide_compliance.slack.compliance_um_per_kn=5");
-    assert!(rail.contains("`slack` is a rail"), "{rail}");
+    assert!(rail.contains("rail `slack` turns with an arm"), "{rail}");
+    let blade = refused("v12-primary", "effects.guide_compliance.slack.compliance_um_per_kn=5");
+    assert!(blade.contains("rail `slack` bends"), "{blade}");
+    let none = refused("ford-v6", "effects.guide_compliance.slak.compliance_um_per_kn=5");
+    assert!(none.contains("no guide is called `slak`") && none.contains("slack, tight"), "{none}");
 }
 
 /// A drive on which an effect can act, as it is called, its text, and the values that make it so. Spans have effects on chains of

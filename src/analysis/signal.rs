@@ -173,10 +173,11 @@ fn span(name: &str, header: &Header) -> Option<SpanEnds> {
     Some((body(from)?, body(to)?)).filter(|(from, to)| from != to)
 }
 
-/// The row of a path, or of its last word where one path alone ends so.
+/// The row of a path, or of its last word where one path alone ends so, but for those that an effect adds beside another of its name.
 fn one_row(paths: &[String], wanted: &str) -> Option<usize> {
     let exact = paths.iter().position(|p| p == wanted);
-    let mut by_word = (0..paths.len()).filter(|row| paths.get(*row).is_some_and(|p| last_name(p) == wanted));
+    let is_so_called = |p: &String| last_name(p) == wanted && !p.starts_with("effects.");
+    let mut by_word = (0..paths.len()).filter(|row| paths.get(*row).is_some_and(is_so_called));
     let first = by_word.next().filter(|_| by_word.next().is_none());
     exact.or(first)
 }

@@ -67,6 +67,7 @@ fn kind(k: Kind) -> &'static str {
         Kind::PerMark => "one for every mark # but the first",
         Kind::Start => "fitted, in every part of a record",
         Kind::Given => "given, not fitted",
+        Kind::Tried => "form, tried, not fitted",
     }
 }
 
@@ -99,12 +100,13 @@ fn whole(e: &Effect) -> String {
         let sliding =
             if p.key == p.sliding_key { String::new() } else { format!(" (`{}` on a slider)", p.sliding_key) };
         text += &format!(
-            "    {:<26} {} ..= {}, off at {}{default}; {}{sliding}\n",
+            "    {:<26} {} ..= {}, off at {}{default}; {}{}{sliding}\n",
             p.key,
             p.low,
             p.high,
             p.off,
-            kind(p.kind)
+            kind(p.kind),
+            p.on_links.map_or(String::new(), |p| format!("; with links {}", kind(p.kind)))
         );
     }
     text

@@ -455,8 +455,11 @@ impl Drive {
     /// Guides, and what prescribes a speed.
     fn check_guides(&self, mistakes: &mut DriveErrors<'_>) {
         for b in &self.bearings {
-            let Carried::Guide(k) = b.on else { continue };
-            let name = &self.guides[k].name;
+            let name = match b.on {
+                Carried::Guide(k) => &self.guides[k].name,
+                Carried::Rail(k) => &self.rails[k].name,
+                Carried::Sprocket(_) | Carried::Shaft(_) => continue,
+            };
             if let Some((_, mount)) = self.effects.mounts().find(|(guide, _)| guide == name) {
                 mistakes.add(&mount.path, format!("guide `{name}` stands on `{}` already", b.path), "keep one of them");
             }

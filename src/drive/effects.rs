@@ -3,8 +3,8 @@
 use super::mechanism::{PassageLaw, WIDEST_GAP};
 use super::reader::TomlTable;
 use super::{
-    Effects, GapError, GapWave, GuideEffect, GuideMount, LinkMass, OilSpec, PassageEffect, PitchError, SpanEffect,
-    TightJoint, sensors,
+    Effects, GapError, GapWave, GuideEffect, GuideMount, LinkMass, OilSpec, PassageEffect, PitchError, RailSpec,
+    SpanEffect, TightJoint, sensors,
 };
 use crate::diag::last_name;
 use crate::effects::{
@@ -20,7 +20,7 @@ pub(super) struct EffectTargets<'a> {
     pub(super) sprockets: &'a [String],
     /// Straight guides.
     pub(super) guides: &'a [&'a str],
-    pub(super) rails: &'a [&'a str],
+    pub(super) rails: &'a [RailSpec],
     pub(super) oil: Option<&'a OilSpec>,
     /// Of chains of spans.
     pub(super) spans: &'a [String],
@@ -146,11 +146,16 @@ fn read_guide_effects(t: &TomlTable<'_>, targets: EffectTargets<'_>, effects: &m
         let table = t.table(effect.name);
         for (name, own) in table.tables_or_set() {
             let is_friction = *effect == guide_friction::ROW;
-            if targets.rails.contains(&name.as_str()) && !is_friction {
-                let help = "a rail gives way on `[bearings.NAME]` with `rail`, or on its arm";
-                own.error(format!("`{name}` is a rail; straight guides alone have a compliance"), Some(help.into()));
-            } else if !targets.guides.iter().chain(targets.rails).any(|known| *known == name) {
-                let known: Vec<&str> = targets.guides.iter().chain(targets.rails).copied().collect();
+            let rail = targets.rails.iter().find(|r| r.name == name);
+            if rail.is_some_and(|r| r.arm.is_some()) && !is_friction {
+                let help = "it gives way with the arm: set the spring of what presses on that";
+                own.error(format!("rail `{name}` turns with an arm"), Some(help.into()));
+            } else if rail.is_some_and(|r| r.bending.is_some()) && !is_friction {
+                let help = "hold it softly by `springs_mm` of its bending";
+                own.error(format!("rail `{name}` bends, and stands on its supports"), Some(help.into()));
+            } else if rail.is_none() && !targets.guides.contains(&name.as_str()) {
+                let rails = targets.rails.iter().map(|r| r.name.as_str());
+                let known: Vec<&str> = targets.guides.iter().copied().chain(rails).collect();
                 own.error(format!("no guide is called `{name}`"), Some(format!("guides: {}", known.join(", "))));
             }
             if is_friction {

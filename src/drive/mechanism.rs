@@ -4,6 +4,7 @@ use super::reader::TomlTable;
 use super::sensors::MechanismNames;
 use super::{ArmSpec, ContactSpec, OilEffects};
 use crate::diag::last_name;
+use crate::effects::{Effect, leak_gap, oil_air, orifice_diameter};
 use crate::elements::hydraulics::{MAX_CHAMBERS, MAX_PASSAGES};
 use crate::elements::oil::Oil;
 use crate::elements::passage::{AnnularGap, TRANSITION_REYNOLDS};
@@ -62,6 +63,24 @@ const NARROWEST_HOLE_M: f64 = 1.0 * UM;
 const MOST_AIR: f64 = 0.5;
 
 impl OilSpec {
+    /// Smallest and largest size of an effect that changes the oil, or the named passage, beyond which more of it changes nothing or makes no part
+    /// [SI]; None: its row tells.
+    pub fn range_of(&self, effect: &Effect, passage: &str) -> Option<(f64, f64)> {
+        if *effect == oil_air::ROW {
+            return Some((-self.oil.air_share, MOST_AIR - self.oil.air_share));
+        }
+        let passage = self.passages.iter().find(|p| last_name(&p.path) == passage)?;
+        match &passage.law {
+            PassageLaw::Leak { gap, .. } if *effect == leak_gap::ROW => {
+                Some((NARROWEST_GAP_M - gap.gap_m, WIDEST_GAP * gap.diameter_m - gap.gap_m))
+            }
+            PassageLaw::Orifice { diameter_m, .. } if *effect == orifice_diameter::ROW => {
+                Some((NARROWEST_HOLE_M - diameter_m, f64::INFINITY))
+            }
+            PassageLaw::Leak { .. } | PassageLaw::Orifice { .. } | PassageLaw::Check(_) => None,
+        }
+    }
+
     /// With what effects change. A check valve that leaks has a hole beside it, as a passage of its own.
     pub fn with_effects(&self, effects: &OilEffects) -> OilSpec {
         let mut spec = self.clone();

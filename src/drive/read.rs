@@ -102,11 +102,10 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     let sensors = sensors::sensors(root, targets);
     let of_spans = fidelities.iter().zip(&spans).filter(|(fidelity, _)| **fidelity == ChainFidelity::Spans);
     let of_spans: Vec<String> = of_spans.flat_map(|(_, own)| span_names(own)).collect();
-    let (straight, curved) = guide_names.split_at(guides.len());
     let targets = effects::EffectTargets {
         sprockets: &names,
-        guides: straight,
-        rails: curved,
+        guides: &guide_names[..guides.len()],
+        rails: &rails,
         oil: oil.as_ref(),
         spans: &of_spans,
     };

@@ -2,6 +2,13 @@
 
 use super::{BodyAt, Effect, HighestOrder, Kin, Kind, Look, On, Parameter, Part, Physics, Scale, soft_sign};
 
+const STICK_SPEED: Parameter = Parameter::new("stick_speed_rad_s", 1.0, 1e-6, 1e4, Kind::Shape)
+    .sliding("stick_speed_m_s")
+    .default(0.1)
+    .starts(Scale::Speed, &[0.03, 0.3]);
+/// What a plunger does hardly depends on it, and its fit took most runs.
+const STICK_SPEED_ON_LINKS: Parameter = Parameter { kind: Kind::Tried, ..STICK_SPEED };
+
 pub const ROW: Effect = Effect {
     name: "coulomb_friction",
     title: "Coulomb friction",
@@ -14,10 +21,7 @@ pub const ROW: Effect = Effect {
     channels: "mean torque; kink at reversal",
     parameters: &[
         Parameter::new("torque_nm", 1.0, 0.0, 1e6, Kind::Amplitude).sliding("force_n").starts(Scale::Force, &[0.1]),
-        Parameter::new("stick_speed_rad_s", 1.0, 1e-6, 1e4, Kind::Shape)
-            .sliding("stick_speed_m_s")
-            .default(0.1)
-            .starts(Scale::Speed, &[0.03, 0.3]),
+        STICK_SPEED.on_links(&STICK_SPEED_ON_LINKS),
     ],
     dissipative: true,
     physics: Physics::BodyForce(force),

@@ -1,4 +1,5 @@
-//! A compliant guide: behind its contact it stands on a spring and a damper of its own, and moves along its normal.
+//! A compliant guide or fixed rail: behind its contact it stands on a spring and a damper of its own, and moves along its normal; a rail along
+//! that of the line from its beginning to its end.
 //!
 //! ```text
 //! m x'' = -(sum of the normal forces of the chain) - k x - c x'      k = 1 / compliance,  c = 2 zeta sqrt(k m)

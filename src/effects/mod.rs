@@ -214,6 +214,8 @@ pub struct Parameter {
     pub kind: Kind,
     /// Whether drives with links lack it.
     pub lumped_only: bool,
+    /// How drives with links have it, if otherwise.
+    pub on_links: Option<&'static Parameter>,
 }
 
 /// How a parameter is searched.
@@ -236,6 +238,8 @@ pub enum Kind {
     Start,
     /// Never fitted: given by a data sheet, or assumed.
     Given,
+    /// A shape that is not fitted, because runs are costly: every value of `starts` is a separate hypothesis.
+    Tried,
 }
 
 impl Kind {
@@ -265,6 +269,7 @@ impl Parameter {
             starts: &[1.0],
             kind,
             lumped_only: false,
+            on_links: None,
         }
     }
 
@@ -286,6 +291,11 @@ impl Parameter {
 
     pub const fn lumped_only(mut self) -> Parameter {
         self.lumped_only = true;
+        self
+    }
+
+    pub const fn on_links(mut self, other: &'static Parameter) -> Parameter {
+        self.on_links = Some(other);
         self
     }
 

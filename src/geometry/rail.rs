@@ -118,6 +118,13 @@ impl Rail {
         }
     }
 
+    /// Direction towards the chain: the normal of the straight line from its beginning to its end.
+    pub fn towards_chain(&self) -> Vec2 {
+        let ends = self.profile.elements().first().zip(self.profile.elements().last());
+        let chord = ends.map_or(Vec2::x(), |(first, last)| last.end() - first.start());
+        -perp(chord / chord.norm())
+    }
+
     /// Axis-aligned bounding box: (lower, upper).
     pub fn bounds(&self) -> (Vec2, Vec2) {
         let boxes = || self.profile.elements().iter().map(|e| e.bounds());

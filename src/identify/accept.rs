@@ -268,16 +268,23 @@ pub fn accept<'a>(
         cut_short,
     } = searched;
     let known = (&hypotheses[..], &alike[..], is_settled);
+    // What a pass says of the trials holds for the set that it has accepted.
+    let untold = trials.clone();
+    let (mut best, mut evidence) = accepted(&declared, &all, simulated, &effective, own, context, &mut trials);
     let mut taken_up = 0;
-    let (best, evidence, rivals) = loop {
-        let (best, evidence) = accepted(&declared, &all, simulated, &effective, own, context, &mut trials);
+    let rivals = loop {
         let (rivals, better) = rivals(&declared, &best, &all, known, &effective, own, context, &mut trials);
-        let Some(better) = better.filter(|_| taken_up < TAKEN_UP && !context.must_end()) else {
-            break (best, evidence, rivals);
-        };
+        let Some(mut better) = better.filter(|_| taken_up < TAKEN_UP && !context.must_end()) else { break rivals };
         taken_up += 1;
+        better.threads = context.threads;
         all.push(better);
         all.sort_by(|a, b| score(a, &effective).total_cmp(&score(b, &effective)));
+        let mut told = untold.clone();
+        let (next, its_evidence) = accepted(&declared, &all, simulated, &effective, own, context, &mut told);
+        if next.identity() == best.identity() {
+            break rivals;
+        }
+        (best, evidence, trials) = (next, its_evidence, told);
     };
     record_outcomes(&best, &all, &effective, &mut trials);
     AcceptedResult { declared, best, rivals, trials, reasons, evidence, detectable, alike, cut_short }

@@ -66,7 +66,7 @@ impl Hypothesis {
             .map(|r| match r.kind {
                 Kind::Amplitude | Kind::Shape | Kind::PerMark => 1,
                 Kind::Phase => records,
-                Kind::Whole | Kind::Index | Kind::Start | Kind::Given => 0,
+                Kind::Whole | Kind::Index | Kind::Start | Kind::Given | Kind::Tried => 0,
             })
             .sum();
         numbers + places + parts * self.own_locals
@@ -402,7 +402,7 @@ pub fn all(
                     Kind::Amplitude => p.starts.iter().map(|s| s * scale).collect(),
                     Kind::PerMark => vec![p.starts[0] * scale],
                     // Within the range of the effect, independent of the records.
-                    Kind::Shape => {
+                    Kind::Shape | Kind::Tried => {
                         p.starts.iter().map(|s| within(s * scale, p.low * p.unit, p.high * p.unit)).collect()
                     }
                     Kind::Whole => sizes.with_standing_orders(m, target, p),
@@ -479,7 +479,7 @@ pub fn with_stable_start<'a>(
     let sized = |share: f64| {
         let size = |(value, row): (&f64, &&Parameter)| match row.kind {
             Kind::Amplitude | Kind::PerMark => share * value,
-            Kind::Shape | Kind::Phase | Kind::Whole | Kind::Index | Kind::Start | Kind::Given => *value,
+            Kind::Shape | Kind::Phase | Kind::Whole | Kind::Index | Kind::Start | Kind::Given | Kind::Tried => *value,
         };
         let values = fit_start.values.iter().zip(&h.rows).map(size).collect();
         with_hypothesis(problem, point, h, &FitStart { values, ..fit_start.clone() })
@@ -578,7 +578,7 @@ pub fn with_hypothesis<'a>(
                 point.locals.iter_mut().for_each(|own| own.push(law.scaled(values[i])));
                 continue;
             }
-            Kind::Whole | Kind::Index | Kind::Given => continue,
+            Kind::Whole | Kind::Index | Kind::Given | Kind::Tried => continue,
         };
         if row.kind == Kind::Phase {
             for (record, phase) in phases.iter().enumerate() {

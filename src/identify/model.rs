@@ -168,7 +168,7 @@ fn globals_by_row(problem: &Problem, effects: &[Hypothesis]) -> Vec<(&'static Pa
     let of = |row: &&'static Parameter| match row.kind {
         Kind::Amplitude | Kind::Shape | Kind::PerMark => vec![*row],
         Kind::Phase => vec![*row; records],
-        Kind::Whole | Kind::Index | Kind::Start | Kind::Given => Vec::new(),
+        Kind::Whole | Kind::Index | Kind::Start | Kind::Given | Kind::Tried => Vec::new(),
     };
     let rows: Vec<&'static Parameter> = effects.iter().flat_map(|h| &h.rows).flat_map(of).collect();
     let first = problem.globals.len() - rows.len();
@@ -250,7 +250,7 @@ pub fn fitted_values(model: &FittedModel) -> Vec<FitStart> {
             match row.kind {
                 Kind::Amplitude | Kind::Shape | Kind::PerMark => *value = next(),
                 Kind::Phase => start.phases.iter_mut().for_each(|phase| *phase = next()),
-                Kind::Whole | Kind::Index | Kind::Start | Kind::Given => {}
+                Kind::Whole | Kind::Index | Kind::Start | Kind::Given | Kind::Tried => {}
             }
         }
         all.push(start);

@@ -14,6 +14,7 @@ use super::steady::{self, Size};
 use super::structure::{self, Collision, Detectable, IndistinguishablePair};
 use super::unnamed::Unnamed;
 use super::{candidates::Hypothesis, stats};
+use crate::effects::Kind;
 use crate::measurement::Measurement;
 use crate::measurement::facts::{Clock, Facts};
 use crate::measurement::segments::Data;
@@ -53,6 +54,8 @@ pub struct FittedNumber {
     pub at_bound: bool,
     /// False: a phase that the fitted data do not determine; a held-out record fits its own.
     pub determined: bool,
+    /// The best of a few values that were tried, not fitted.
+    pub tried: bool,
 }
 
 /// An accepted effect.
@@ -318,6 +321,7 @@ fn numbers(
                 nameplate_z: global.prior.filter(|(_, s)| *s != DEFAULT_SPREAD).map(|(mean, s)| (x - mean) / s),
                 at_bound: (x <= low || x >= high) && !slot.path.ends_with("phase_deg"),
                 determined: !slot.path.ends_with("phase_deg") || se / slot.unit < 180.0,
+                tried: false,
             }
         })
         .collect()
@@ -417,10 +421,10 @@ fn effect(found: &AcceptedResult, which: usize, data: &Data) -> NamedEffect {
     let globals = globals.filter(|g| best.problem.globals[*g].record.is_none_or(fits));
     let mut parameters = numbers(best, data, globals, &[]);
     let standard_error = parameters.first().map_or(0.0, |p| p.standard_error);
-    // Integer parameters belong to the name, and to the drive file.
+    // Integers and tried shapes belong to the hypothesis, and to the drive file.
     let keys = best.problem.machine.keys(h.effect, h.target);
     for ((key, row), value) in keys.iter().zip(&h.values) {
-        if row.kind.is_whole() {
+        if row.kind.is_whole() || row.kind == Kind::Tried {
             parameters.push(FittedNumber {
                 path: format!("{path}.{key}"),
                 record: None,
@@ -430,6 +434,7 @@ fn effect(found: &AcceptedResult, which: usize, data: &Data) -> NamedEffect {
                 nameplate_z: None,
                 at_bound: false,
                 determined: true,
+                tried: row.kind == Kind::Tried,
             });
         }
     }

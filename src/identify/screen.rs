@@ -98,10 +98,22 @@ impl LinearisedBase {
         project_out(&out, &self.basis)
     }
 
-    /// An earlier screening of a hypothesis, beside what this model has taken up since.
-    pub fn reused(&self, earlier: &ScreeningResult) -> ScreeningResult {
+    /// An earlier screening of a hypothesis in a motion with a period, beside what this model has taken up since. Records keep the places that
+    /// they have found since.
+    pub fn reused(&self, earlier: &ScreeningResult, h: &Hypothesis) -> ScreeningResult {
         let columns: Vec<Vec<f64>> = earlier.columns.iter().map(|c| self.projected(c)).collect();
-        ScreeningResult { gain: self.gain(&columns), columns, ..earlier.clone() }
+        let mut fit_start = FitStart { travels: Vec::new(), ..earlier.fit_start.clone() };
+        let mut gain = 0.0;
+        if let ([column], Some(amplitude)) = (&columns[..], h.amplitudes().first()) {
+            let (along, size) = dot_and_size(&self.residual, column);
+            let (low, high) = multiples(h, *amplitude);
+            let x = within(-along / f64::max(size, 1e-300), low, high);
+            gain = (-(2.0 * x * along + x * x * size) / f64::max(self.cost(), 1e-300)).max(0.0);
+            if x != 0.0 {
+                fit_start.values[*amplitude] = x * h.values[*amplitude];
+            }
+        }
+        ScreeningResult { gain, fit_start, columns, idle: earlier.idle }
     }
 
     /// Sum of squares that remains to be explained.
@@ -343,9 +355,7 @@ fn screen_on_loop(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypot
         sizes.push(all);
     }
     let row = h.rows[amplitude];
-    // Multiples of the starting value, which may be negative.
-    let ends = [row.low, row.high].map(|end| end * row.unit / h.values[amplitude]);
-    let (low, high) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
+    let (low, high) = multiples(h, amplitude);
     // Share of the cost that factor x removes at place p of a segment: -(2 x along + x^2 size).
     let takes = |x: f64, (along, size): (f64, f64)| -(2.0 * x * along + x * x * size);
     let mut best: Option<(f64, f64, Vec<u32>)> = None;
@@ -357,7 +367,7 @@ fn screen_on_loop(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypot
             let picked = || sizes.iter().zip(&chosen).map(|(all, p)| all[*p as usize]);
             let size: f64 = picked().map(|s| s.1).sum();
             let best = -picked().map(|s| s.0).sum::<f64>() / size.max(1e-300);
-            x = within(best, low.max(-1e6), high.min(1e6));
+            x = within(best, low, high);
             let next: Vec<u32> = sizes.iter().map(|all| largest(all, |s| takes(x, s))).collect();
             if next == chosen {
                 break;
@@ -399,7 +409,7 @@ fn screen_on_loop(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypot
     let columns = vec![project_out(&whole, &base.basis)];
     let rests = project_out(&rests, &base.basis);
     let (along, size) = dot_and_size(&rests, &columns[0]);
-    let x = within(-along / f64::max(size, 1e-300), low.max(-1e6), high.min(1e6));
+    let x = within(-along / f64::max(size, 1e-300), low, high);
     let mut values = h.values.clone();
     values[amplitude] = within(x * h.values[amplitude], row.low * row.unit, row.high * row.unit);
     if values[amplitude] == 0.0 {
@@ -409,6 +419,13 @@ fn screen_on_loop(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypot
     let gain = (1.0 - left / f64::max(base.cost(), 1e-300)).max(0.0);
     let phases = vec![0.0; problem.data.records.len()];
     Some(ScreeningResult { gain, fit_start: FitStart { values, phases, travels }, columns, idle: false })
+}
+
+/// Range of an amplitude in multiples of its starting value, which may be negative; at most a million.
+fn multiples(h: &Hypothesis, amplitude: usize) -> (f64, f64) {
+    let row = h.rows[amplitude];
+    let ends = [row.low, row.high].map(|end| end * row.unit / h.values[amplitude]);
+    (ends[0].min(ends[1]).max(-1e6), ends[0].max(ends[1]).min(1e6))
 }
 
 /// Product of two columns, and the square of the second.

@@ -639,7 +639,7 @@ fn screened_again(
         Some(&earlier.screenings[at]).filter(|p| p.idle || !p.columns.is_empty())
     };
     let mut reused: Vec<Option<ScreeningResult>> =
-        hypotheses.iter().map(|h| known(h).map(|p| base.reused(p))).collect();
+        hypotheses.iter().map(|h| known(h).map(|p| base.reused(p, h))).collect();
     let mut order: Vec<usize> = (0..reused.len()).filter(|i| reused[*i].as_ref().is_some_and(|p| !p.idle)).collect();
     let gain = |i: &usize| reused[*i].as_ref().map_or(0.0, |p| p.gain);
     order.sort_by(|a, b| gain(b).total_cmp(&gain(a)).then(a.cmp(b)));

@@ -203,6 +203,8 @@ fn number(n: &FittedNumber) -> String {
         format!("{key}{of}: not determined by the fitted data")
     } else if n.standard_error > 0.0 {
         format!("{key}{of} = {} +- {}", four_digits(n.value), four_digits(n.standard_error))
+    } else if n.tried {
+        format!("{key}{of} = {} (tried, not fitted)", four_digits(n.value))
     } else {
         format!("{key}{of} = {}", four_digits(n.value))
     }

@@ -119,7 +119,7 @@ fn note(n: &FittedNumber) -> Option<String> {
     match (&n.record, n.standard_error > 0.0) {
         (Some(record), _) => Some(format!("in record {record}; other records have their own")),
         (None, true) => Some(format!("+- {}", four_digits(n.standard_error))),
-        (None, false) => None,
+        (None, false) => n.tried.then(|| "tried, not fitted".to_string()),
     }
 }
 

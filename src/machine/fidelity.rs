@@ -92,6 +92,9 @@ pub trait Fidelity: std::fmt::Debug + Send + Sync {
     /// Whether an effect has this parameter here.
     fn accepts(&self, effect: &Effect, p: &Parameter) -> bool;
 
+    /// Range of an effect's size that the part it acts on allows [SI]; None: that of its row.
+    fn range(&self, effect: &Effect, target: Target) -> Option<(f64, f64)>;
+
     /// Whether an effect may be added to those that are there.
     fn room_for(&self, m: &Machine, effect: &Effect, target: Target, path: &str) -> RoomForEffect;
 

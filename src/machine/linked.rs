@@ -6,6 +6,7 @@ use super::response::{MAX_PERIOD_S, PeriodicResponse, ResponseError};
 use super::simulate::{InitialState, RunError, Samples, Task, between, clock, through_sensor};
 use super::{Body, BodyMotion, ChainLoop, Machine, Reads, Target};
 use crate::drive::Drive;
+use crate::drive::bearings::Carried;
 use crate::drive::chains::gcd;
 use crate::drive::mechanism::PassageLaw;
 use crate::drive::sensors::{SensorReads, is_signal};
@@ -100,8 +101,14 @@ impl LinkedDrive {
         };
         let names: Vec<String> = match effect.links {
             Some(On::Guide) => {
-                let rails = self.drive.rails.iter().map(|r| r.name.clone()).filter(|_| *effect == guide_friction::ROW);
-                self.drive.guides.iter().map(|g| g.name.clone()).chain(rails).collect()
+                // A rail on an arm, one that bends and what stands on a bearing give way already.
+                let held = |on: Carried| self.drive.bearings.iter().all(|b| b.on != on);
+                let rails = self.drive.rails.iter().enumerate().filter(|(k, r)| {
+                    *effect == guide_friction::ROW || r.arm.is_none() && r.bending.is_none() && held(Carried::Rail(*k))
+                });
+                let guides = self.drive.guides.iter().enumerate();
+                let guides = guides.filter(|(k, _)| *effect == guide_friction::ROW || held(Carried::Guide(*k)));
+                guides.map(|(_, g)| g.name.clone()).chain(rails.map(|(_, r)| r.name.clone())).collect()
             }
             Some(On::Leak) => passages(&|law| matches!(law, PassageLaw::Leak { .. })),
             Some(On::Orifice) => passages(&|law| matches!(law, PassageLaw::Orifice { .. })),
@@ -230,6 +237,12 @@ impl Fidelity for LinkedDrive {
     /// have no phase of their own.
     fn accepts(&self, effect: &Effect, p: &Parameter) -> bool {
         is_signal(effect) || (p.kind != Kind::Phase && !p.lumped_only)
+    }
+
+    fn range(&self, effect: &Effect, target: Target) -> Option<(f64, f64)> {
+        let Target::Part(part) = target else { return None };
+        let (name, _) = self.parts(effect).into_iter().nth(part)?;
+        self.drive.oil.as_ref()?.range_of(effect, &name)
     }
 
     fn room_for(&self, m: &Machine, effect: &Effect, target: Target, path: &str) -> RoomForEffect {

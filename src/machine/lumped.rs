@@ -97,6 +97,10 @@ impl Fidelity for Lumped {
         true
     }
 
+    fn range(&self, _effect: &Effect, _target: Target) -> Option<(f64, f64)> {
+        None
+    }
+
     fn room_for(&self, _m: &Machine, _effect: &Effect, _target: Target, _path: &str) -> RoomForEffect {
         RoomForEffect::Free
     }

@@ -2,6 +2,7 @@
 
 use super::{Body, BodyMotion, End, Machine, PlacedEffect, Reads, Slot, Spring, Target};
 use crate::effects::{EFFECTS, Effect, Kind, Parameter, Physics};
+use crate::units::within;
 
 impl Machine {
     /// Keys of an effect's parameters on this target, with their rows.
@@ -12,7 +13,9 @@ impl Machine {
             Target::Spring(_) | Target::Sensor(_) | Target::Chain(_) | Target::Part(_) | Target::Span(_) => false,
         };
         let mut keys = Vec::new();
+        let with_links = self.period_pitches().is_some();
         for p in effect.parameters.iter().filter(|p| self.accepts(effect, p)) {
+            let p = p.on_links.filter(|_| with_links).unwrap_or(p);
             let key = if slides { p.sliding_key } else { p.key };
             if p.kind == Kind::PerMark {
                 let reads = if let Target::Sensor(s) = target { self.sensors.get(s).map(|s| s.reads) } else { None };
@@ -42,8 +45,11 @@ impl Machine {
             .iter()
             .zip(values)
             .map(|((key, p), value)| {
-                m.slots.push(Slot { path: format!("{path}.{key}"), unit: p.unit, low: p.low, high: p.high });
-                m.values.push(*value);
+                let own = self.fidelity.range(effect, target).filter(|_| p.kind.is_amplitude());
+                let (least, most) = own.map_or((p.low, p.high), |(least, most)| (least / p.unit, most / p.unit));
+                let (low, high) = (p.low.max(least), p.high.min(most));
+                m.slots.push(Slot { path: format!("{path}.{key}"), unit: p.unit, low, high });
+                m.values.push(if own.is_some() { within(*value, low * p.unit, high * p.unit) } else { *value });
                 m.slots.len() - 1
             })
             .collect();

@@ -19,12 +19,14 @@ use crate::sensing::Tracer;
 
 /// Settling time after the drive's own run-in [s], for transients of its start.
 const SETTLE_S: f64 = 0.06;
-/// Where oil leaks, a tensioner creeps to its place. Settling goes on until the means of sensors over this time [s], or over one period if that is
-/// longer, change by less than this share of the noise, or of how much they vary in this time, twice in a row. It ends after the longest time [s],
-/// or after two such windows, whether they still change or not. Not varied.
+/// A tensioner with a damper, or with oil that leaks, creeps to its place. Settling goes on until the means of sensors over whole periods, of this time [s] or more,
+/// change by less than this share of the noise, or this multiple of their standard error, twice in a row. It ends after the longest time [s], or
+/// after the least number of such windows, whether they still change or not: what then still creeps is part of what does not repeat. Not varied.
 const CREEP_WINDOW_S: f64 = 0.1;
 const CREEP_SHARE: f64 = 0.1;
+const SURE_OF_CREEP: f64 = 2.0;
 const LONGEST_CREEP_S: f64 = 2.0;
+const LEAST_WINDOWS: f64 = 3.0;
 /// Shortest and longest duration that is folded [s].
 const SHORTEST_S: f64 = 0.3;
 const LONGEST_S: f64 = 1.6;
@@ -136,33 +138,63 @@ fn with_long_period(drive: &Drive) -> Option<WithoutPeriod> {
     (period_s > MAX_PERIOD_S).then_some(WithoutPeriod { path: "sprockets".to_string(), title, help })
 }
 
-/// Runs on until the means of the sensors, but for angles, no longer drift.
-fn creep_to_rest(tracer: &mut Tracer, drive: &Drive, window_s: f64, noise: &[f64]) -> Result<(), StepError> {
-    let mut before: Option<Vec<f64>> = None;
-    let mut still = 0;
-    for _ in 0..libm::ceil(LONGEST_CREEP_S / window_s).max(2.0) as usize {
+/// Mean of a sensor over a window, and the standard error that its periods tell.
+#[derive(Clone, Copy)]
+struct WindowMean {
+    mean: f64,
+    error: f64,
+}
+
+impl WindowMean {
+    /// `periods`: number of readings of every period.
+    fn of(readings: &[f64], periods: &[usize]) -> WindowMean {
+        let mut rest = readings;
+        let means: Vec<f64> = periods
+            .iter()
+            .map(|n| {
+                let (own, after) = rest.split_at((*n).min(rest.len()));
+                rest = after;
+                own.iter().sum::<f64>() / own.len().max(1) as f64
+            })
+            .collect();
+        let n = means.len().max(1) as f64;
+        let mean = means.iter().sum::<f64>() / n;
+        let squares: f64 = means.iter().map(|m| (m - mean) * (m - mean)).sum();
+        WindowMean { mean, error: libm::sqrt(squares / (n * (n - 1.0).max(1.0))) }
+    }
+}
+
+/// Runs on until the means of the sensors that are read no longer drift, but for those of angles. Time from the next reading to the end of a
+/// whole number of periods after the start [s]: there folding must begin, so that runs which settle in other times are in phase.
+fn creep_to_rest(tracer: &mut Tracer, drive: &Drive, period_s: f64, noise: &[f64]) -> Result<f64, StepError> {
+    let step_s = tracer.step_s();
+    let per_window = libm::ceil(CREEP_WINDOW_S / period_s).max(1.0) as usize;
+    let longest = libm::ceil(LONGEST_CREEP_S / (per_window as f64 * period_s)).max(LEAST_WINDOWS) as usize;
+    let is_read = |s: &usize| noise[*s] > 0.0 && !matches!(drive.sensors[*s].reads, SensorReads::Angle(_));
+    let read: Vec<usize> = (0..noise.len().min(drive.sensors.len())).filter(is_read).collect();
+    // Readings since the start up to the end of a period.
+    let until = |periods: usize| libm::floor(periods as f64 * period_s / step_s) as usize;
+    let mut before: Option<Vec<WindowMean>> = None;
+    let (mut still, mut done) = (0, 0);
+    for _ in 0..longest {
         tracer.clear_readings();
-        tracer.run_until(window_s)?;
-        let all = 0..drive.sensors.len();
-        let mean_of = |s: usize, f: &dyn Fn(f64) -> f64| {
-            let readings = tracer.readings(s);
-            readings.iter().map(|x| f(*x)).sum::<f64>() / readings.len().max(1) as f64
+        tracer.read_on(until(done + per_window) - until(done))?;
+        let periods: Vec<usize> = (done..done + per_window).map(|p| until(p + 1) - until(p)).collect();
+        let now: Vec<WindowMean> = read.iter().map(|s| WindowMean::of(tracer.readings(*s), &periods)).collect();
+        done += per_window;
+        let drifts = |before: &[WindowMean]| {
+            now.iter().zip(before).zip(&read).any(|((now, before), s)| {
+                let doubt = SURE_OF_CREEP * libm::hypot(now.error, before.error);
+                (now.mean - before.mean).abs() > doubt.max(CREEP_SHARE * noise[*s])
+            })
         };
-        let means: Vec<f64> = all.clone().map(|s| mean_of(s, &|x| x)).collect();
-        let drifts = |s: usize, before: &[f64]| {
-            let varies = libm::sqrt(mean_of(s, &|x| (x - means[s]) * (x - means[s])));
-            let size = noise.get(s).copied().unwrap_or(0.0).max(varies);
-            !matches!(drive.sensors[s].reads, SensorReads::Angle(_))
-                && (means[s] - before[s]).abs() > CREEP_SHARE * size
-        };
-        let is_still = before.as_ref().is_some_and(|before| !all.clone().any(|s| drifts(s, before)));
-        still = if is_still { still + 1 } else { 0 };
+        still = if before.as_deref().is_some_and(|before| !drifts(before)) { still + 1 } else { 0 };
         if still == 2 {
             break;
         }
-        before = Some(means);
+        before = Some(now);
     }
-    Ok(())
+    Ok(done as f64 * period_s - until(done) as f64 * step_s)
 }
 
 /// Longest period that is run [s].
@@ -200,10 +232,10 @@ impl PeriodicResponse {
         let bin_s = BIN_S.max(period_s / MAX_BINS as f64).min(pair_s / MIN_BINS as f64);
         let mut tracer = Tracer::new(drive, bin_s).map_err(ResponseError::Assembly)?;
         tracer.run_for(SETTLE_S).map_err(ResponseError::Step)?;
-        if drive.oil.is_some() {
-            let window_s = period_s * libm::ceil(CREEP_WINDOW_S / period_s);
-            creep_to_rest(&mut tracer, drive, window_s, noise).map_err(ResponseError::Step)?;
-        }
+        let start_s = match drive.sliders.is_empty() {
+            true => 0.0,
+            false => creep_to_rest(&mut tracer, drive, period_s, noise).map_err(ResponseError::Step)?,
+        };
         tracer.clear_readings();
         let turning: Vec<Option<f64>> = drive
             .sensors
@@ -228,9 +260,9 @@ impl PeriodicResponse {
         let mut wanted = (libm::ceil(SHORTEST_S / period_s) as usize).max(2);
         loop {
             // Two readings beyond the end, for the cubic interpolation.
-            let covered_s = wanted as f64 * period_s + 3.0 * tracer.step_s();
+            let covered_s = start_s + wanted as f64 * period_s + 3.0 * tracer.step_s();
             tracer.run_until(covered_s).map_err(ResponseError::Step)?;
-            fold.add_periods(&tracer, &turning, period_s, wanted);
+            fold.add_periods(&tracer, &turning, (start_s, period_s), wanted);
             let sure = (0..drive.sensors.len()).all(|s| {
                 let noise = noise.get(s).copied().unwrap_or(0.0);
                 noise <= 0.0 || fold.unrepeated(s) / libm::sqrt(wanted as f64) < MEAN_ERROR_SHARE * noise
@@ -301,14 +333,14 @@ impl PeriodFold {
         PeriodFold { periods: 0, sums: vec![vec![0.0; bins]; sensors], squares: vec![vec![0.0; bins]; sensors] }
     }
 
-    /// Adds the new periods up to `until`.
-    fn add_periods(&mut self, tracer: &Tracer, turning: &[Option<f64>], period_s: f64, until: usize) {
+    /// Adds the new periods up to `until`, of which the first begins at `start_s` of the readings.
+    fn add_periods(&mut self, tracer: &Tracer, turning: &[Option<f64>], (start_s, period_s): (f64, f64), until: usize) {
         for period in self.periods..until {
             for (s, (sums, squares)) in self.sums.iter_mut().zip(&mut self.squares).enumerate() {
                 let bins = sums.len();
                 let series = tracer.readings(s);
                 for (b, (sum, square)) in sums.iter_mut().zip(squares.iter_mut()).enumerate() {
-                    let t_s = (period as f64 + b as f64 / bins as f64) * period_s;
+                    let t_s = start_s + (period as f64 + b as f64 / bins as f64) * period_s;
                     let turned = turning[s].map_or(0.0, |w| w * t_s);
                     let value = between(series, t_s / tracer.step_s()) - turned;
                     *sum += value;
@@ -330,5 +362,43 @@ impl PeriodFold {
     fn means(&self) -> Vec<Vec<f64>> {
         let n = self.periods as f64;
         self.sums.iter().map(|s| s.iter().map(|x| x / n).collect()).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{SensorReads, Tracer, creep_to_rest};
+    use crate::drive::{BUNDLED, Drive};
+
+    #[test]
+    fn folding_begins_a_whole_number_of_periods_after_the_start_however_long_it_settles() {
+        let (name, text) = BUNDLED.iter().find(|(name, _)| *name == "tensioner-20-40").unwrap_or(&BUNDLED[0]);
+        // A speed that swings makes the plunger pump; through a gap of 22 um it creeps.
+        let swings = "orders = [2]\namplitudes_deg = [1.5]\nspeed_rpm = 3000";
+        let text = format!("{}\n[sensors.encoder.driver]\n", text.replace("speed_rpm = 3000", swings));
+        let drive = Drive::parse(name, &text, &["effects.leak_gap.plunger.gap_um=-8".to_string()])
+            .unwrap_or_else(|e| panic!("{e}"));
+        let speed = drive.nominal_speed_rad_s(drive.driver());
+        // One turn, which is no whole number of readings.
+        let period_s = 20.0 * drive.chain.pitch_m() / drive.chain_speed_m_s().abs();
+        let mut windows = Vec::new();
+        let encoder = drive.sensors.iter().position(|s| matches!(s.reads, SensorReads::Angle(_))).unwrap_or(0);
+        for noise in [1e9, 1e-9].map(|noise| vec![noise; drive.sensors.len()]) {
+            let mut tracer = Tracer::new(&drive, 7.3e-5).unwrap_or_else(|e| panic!("{e}"));
+            tracer.run_for(0.01).unwrap_or_else(|e| panic!("{e}"));
+            tracer.clear_readings();
+            let angle = |tracer: &Tracer| tracer.readings(encoder).last().copied().unwrap_or(f64::NAN);
+            // The first reading after the start is that from which windows count.
+            let mut twin = Tracer::new(&drive, 7.3e-5).unwrap_or_else(|e| panic!("{e}"));
+            twin.run_for(0.01).and_then(|()| twin.read_on(1)).unwrap_or_else(|e| panic!("{e}"));
+            let offset_s = creep_to_rest(&mut tracer, &drive, period_s, &noise).unwrap_or_else(|e| panic!("{e}"));
+            tracer.read_on(1).unwrap_or_else(|e| panic!("{e}"));
+            let periods = ((angle(&tracer) - angle(&twin)) / speed + offset_s) / period_s;
+            // The speed swings by 5 % within a reading.
+            assert!((periods - periods.round()).abs() < 0.05 * tracer.step_s() / period_s, "{periods} periods");
+            assert!((0.0..tracer.step_s()).contains(&offset_s));
+            windows.push(periods.round());
+        }
+        assert!(windows[1] > windows[0], "{windows:?}");
     }
 }

@@ -95,11 +95,17 @@ impl Model {
         self.add_mounts(drive);
     }
 
-    /// Guides on mounts move along their normal, towards the chain.
+    /// Guides and rails on mounts move along their normal, towards the chain.
     fn add_mounts(&mut self, drive: &Drive) {
         for (name, mount) in drive.effects.mounts() {
-            let Some(k) = self.guides.iter().position(|g| g.name == name) else { continue };
-            let shift = Shift { coordinate: self.coordinates.len(), direction: perp(self.guides[k].body.along) };
+            let guide = self.guides.iter().position(|g| g.name == name);
+            let rail = self.rails.iter().position(|r| r.name == name);
+            let direction = match (guide, rail) {
+                (Some(k), _) => perp(self.guides[k].body.along),
+                (None, Some(k)) => self.rails[k].rail.towards_chain(),
+                (None, None) => continue,
+            };
+            let shift = Shift { coordinate: self.coordinates.len(), direction };
             self.coordinates.push(Coordinate {
                 path: mount.path.clone(),
                 kind: CoordinateKind::Slides,
@@ -115,10 +121,14 @@ impl Model {
                 is_held_at_rest: false,
                 is_run_in: true,
             });
+            self.mounts.push(shift.coordinate);
+            if let (None, Some(k)) = (guide, rail) {
+                self.rails[k].frame.shifts.push(shift);
+            }
+            let Some(k) = guide else { continue };
             self.guides[k].frame.shifts.push(shift);
             let body = self.sprockets.len() + k;
             self.end_bodies.iter_mut().filter(|e| e.body == body).for_each(|e| e.frame.shifts.push(shift));
-            self.mounts.push(shift.coordinate);
         }
     }
 
