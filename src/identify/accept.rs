@@ -1,39 +1,29 @@
-//! Acceptance of search results: the accepted set of effects, the evidence for each effect, and its rivals.
+//! Acceptance of search results: the accepted set of effects, and the evidence for each effect.
 //!
 //! An effect is accepted when all of these hold: its score gain is large enough; the held-out error (that of its own
 //! channel, for an effect on a sensor) significantly falls by a twentieth or loses half of its part above the noise; it
 //! explains more than a sham; its size is three standard errors from zero and the same in all records; and its form lies inside the records
 //! ([`super::plausible`]); and no force of another form fits better in its place. A set that leaves most of the error above the noise is only a lead and is not
-//! reported as a finding. A rival is another effect that fits as well in the same place.
+//! reported as a finding.
 
 use super::candidates::Hypothesis;
 use super::crossed::{HeldOutComparison, compare_held_out};
-use super::drifting::{Course, DriftingNumber};
 use super::fit::parallel;
 use super::judge::{Residuals, deviance, effective as effective_samples, mean_error};
 use super::model::{
-    FIT_ITERATIONS, FittedModel, fit_model, fitted_values, globals_of, placed_path, refitted, score, standard_error,
-    without_effect,
+    FIT_ITERATIONS, FittedModel, fitted_values, globals_of, refitted, score, standard_error, without_effect,
 };
 use super::plausible::outside_the_records;
 use super::problem::Problem;
+use super::rivals::{Rival, rivals};
 use super::screen::{FitStart, LinearisedBase, screen};
-use super::search::{Context, MIN_SCORE_GAIN, SearchResult, Trial, best_effective};
-use super::stats::{self, Random};
+use super::search::{Context, MIN_SCORE_GAIN, SearchResult, Trial};
+use super::stats::Random;
 use super::steady;
 use super::structure::{Detectable, IndistinguishablePair};
 use super::unnamed;
 use crate::drive::sensors::is_signal;
-use crate::effects::Kind;
 use crate::measurement::segments::Data;
-
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct Rival {
-    pub identity: String,
-    pub path: String,
-    pub score: f64,
-    pub judge_ratio: [f64; 3],
-}
 
 /// Result of the acceptance.
 pub struct AcceptedResult<'a> {
@@ -70,7 +60,7 @@ pub struct Evidence {
 
 /// Two sets are rivals if their scores differ by less than this: twice the natural logarithm of a likelihood ratio of
 /// 150.
-const CLEAR_SCORE_GAP: f64 = 10.0;
+pub(super) const CLEAR_SCORE_GAP: f64 = 10.0;
 /// An effect that leaves more than this fraction of the held-out error is not named: its contribution is less than a
 /// third of the remaining error.
 pub(super) const MAX_REMAINING_SHARE: f64 = 0.95;
@@ -91,8 +81,6 @@ const SHAM_GAINS: f64 = 3.0;
 const SHAM_REMAINDER: f64 = 0.8;
 /// Standard errors by which the size of an effect must differ from nothing: 0.3 % by chance, were they normal.
 pub(super) const SURE: f64 = 3.0;
-/// A hypothesis whose gain as a small addition is a smaller share of the effect's own is not fitted in its place.
-const RIVAL_GAIN: f64 = 0.25;
 /// Noise over the held-out error at least, where a channel states none: what is left is then all above the floor.
 const LEAST_NOISE: f64 = 1e-6;
 /// Number of shams with which each effect is compared.
@@ -232,18 +220,6 @@ fn all_effects_improve(
         let gain = score(less, effective) - score(model, effective);
         is_better(model, less, &[e], gain, own, threads)
     })
-}
-
-/// The hypothesis with shape parameters a thirtieth as wide, which then approximate a jump or step that they would
-/// round off.
-fn narrowed(h: &Hypothesis) -> Hypothesis {
-    let mut sharp = h.clone();
-    for (value, row) in sharp.values.iter_mut().zip(&h.rows) {
-        if row.kind == Kind::Shape {
-            *value /= 30.0;
-        }
-    }
-    sharp
 }
 
 /// Decides which of the search results to accept. Where these are predictions, `simulated` is the set that the simulation has accepted.
@@ -448,7 +424,7 @@ fn reason_why_unexplained(declared: &FittedModel, best: &FittedModel, own: &Data
 }
 
 /// Share of the squared error above the noise floor that a set leaves, where that is too much for a name.
-fn left_unexplained(best: &FittedModel, judged: &HeldOutComparison) -> Option<f64> {
+pub(super) fn left_unexplained(best: &FittedModel, judged: &HeldOutComparison) -> Option<f64> {
     // If all effects are on sensors, one channel may be explained and others not.
     let on_sensors = best.effects.iter().all(|e| is_signal(e.effect));
     let parts: [fn(&Residuals, usize) -> f64; 2] = [|r, c| r.rms(c).0, |r, c| r.rms(c).1];
@@ -456,114 +432,6 @@ fn left_unexplained(best: &FittedModel, judged: &HeldOutComparison) -> Option<f6
     let left = parts.into_iter().filter_map(|part| left_above_floor(on_sensors, &best.problem, judged, part));
     let most = if best.is_near_the_floor() { MAX_ABOVE_FLOOR } else { MAX_ABOVE_FLOOR_FAR };
     left.reduce(f64::max).filter(|left| *left > most)
-}
-
-/// The held-out error of a set with a size for each record may be this multiple of the noise at most.
-const MOST_TIMES_FLOOR: f64 = 1.5;
-/// Records whose inputs grow or fall in their order by this factor may differ by their load, and not by their order.
-const LOAD_CHANGES: f64 = 1.2;
-
-/// Takes the accepted set, or a single effect where none was accepted or one that is worse, with a size for each record, if held-out records confirm the
-/// course of the sizes and little more than noise is left then. Returns whether it did.
-pub fn accept_drifting<'a>(found: &mut AcceptedResult<'a>, drifting: &[DriftingNumber<'a>]) -> bool {
-    let effect_of = |d: &DriftingNumber| {
-        let is_of = |which: &usize| d.number.path.starts_with(&format!("{}.", placed_path(&d.model, *which)));
-        (0..d.model.effects.len()).find(is_of)
-    };
-    let models: Vec<FittedModel> = drifting.iter().map(|d| d.model.clone()).collect();
-    let effective = best_effective(&models);
-    let mut able: Vec<(f64, usize, &DriftingNumber)> = drifting
-        .iter()
-        .filter(|d| d.number.course != Course::NoOrder && !is_ordered_by_load(&d.model.problem))
-        .filter(|d| is_at_the_floor(&d.model))
-        .filter_map(|d| Some((score(&d.model, &effective), effect_of(d)?, d)))
-        .filter(|(_, which, d)| outside_the_records(&d.model, *which).is_none())
-        .collect();
-    able.sort_by(|a, b| a.0.total_cmp(&b.0));
-    for (_, which, d) in able {
-        let is_single = d.model.effects.len() == 1 && found.best.effects.len() <= 1;
-        if is_single && accept_single(found, d, which, drifting) {
-            return true;
-        }
-        if d.model.identity() == found.best.identity() {
-            found.best = d.model.clone();
-            return true;
-        }
-    }
-    false
-}
-
-/// Whether little more than noise is left of every channel.
-fn is_at_the_floor(model: &FittedModel) -> bool {
-    let channels = model.problem.data.channels.iter().enumerate();
-    channels.into_iter().all(|(c, channel)| {
-        let (fitted, held_out) = model.residuals().rms(c);
-        fitted.max(held_out) <= MOST_TIMES_FLOOR * channel.noise
-    })
-}
-
-/// Whether an input grows or falls in the order of the fitted records: what seems to follow their order may follow the load.
-fn is_ordered_by_load(problem: &Problem) -> bool {
-    let fitted = problem.data.segments.iter().filter(|s| s.judge_from > 0);
-    let loads: Vec<Vec<f64>> =
-        fitted.map(|s| s.task.inputs.iter().map(|u| stats::rms(std::slice::from_ref(u))).collect()).collect();
-    let inputs = loads.iter().map(Vec::len).min().unwrap_or(0);
-    (0..inputs).any(|i| {
-        let of: Vec<f64> = loads.iter().map(|l| l[i]).collect();
-        let (first, last) = (of[0], of[of.len() - 1]);
-        let one_way = of.windows(2).all(|w| w[1] > w[0]) || of.windows(2).all(|w| w[1] < w[0]);
-        one_way && first.max(last) > LOAD_CHANGES * first.min(last)
-    })
-}
-
-/// Accepts a set of one effect with a size for each record.
-fn accept_single<'a>(
-    found: &mut AcceptedResult<'a>,
-    d: &DriftingNumber<'a>,
-    which: usize,
-    drifting: &[DriftingNumber<'a>],
-) -> bool {
-    let DriftingNumber { number, model, .. } = d;
-    let (with, without) = (model.residuals().clone(), found.declared.residuals().clone());
-    let judged = HeldOutComparison { with, without, left_out: Vec::new() };
-    let effective = best_effective(&[found.declared.clone(), model.clone()]);
-    let mut evidence = evidence_from(model, &found.declared, which, &effective, &judged, model.threads);
-    // The sizes of all records but one are free beyond what a set is charged for.
-    let more = number.values.len().saturating_sub(1) as f64;
-    evidence.score -= more * libm::log(effective.iter().sum::<f64>().max(2.0));
-    if rejection_reason(model, which, &evidence).is_some() || left_unexplained(model, &judged).is_some() {
-        return false;
-    }
-    let own_score = score(model, &effective);
-    let before = &found.best;
-    let takes_a_place = !before.effects.is_empty() && before.identity() != model.identity();
-    let charged = own_score + more * libm::log(effective.iter().sum::<f64>().max(2.0));
-    if takes_a_place && charged > score(before, &effective) - MIN_SCORE_GAIN {
-        return false;
-    }
-    let mut rivals: Vec<Rival> = Vec::new();
-    for other in drifting {
-        let is_clear = score(&other.model, &effective) > own_score + CLEAR_SCORE_GAP;
-        let [h] = other.model.effects.as_slice() else { continue };
-        let is_known = other.model.identity() == model.identity() || rivals.iter().any(|r| r.identity == h.identity());
-        let is_degenerate = outside_the_records(&other.model, 0).is_some();
-        if other.number.course != Course::NoOrder && !is_clear && !is_known && !is_degenerate {
-            let (identity, path, score) = (h.identity(), h.path(), score(&other.model, &effective) - own_score);
-            let judge_ratio = other.model.residuals().judge_ratio(model.residuals());
-            rivals.push(Rival { identity, path, score, judge_ratio });
-        }
-    }
-    let id = model.effects[which].identity();
-    let replaced = found.best.identity();
-    let is_replaced = |t: &&mut Trial| takes_a_place && t.beside.is_empty() && replaced == [t.identity.as_str()];
-    let why = format!("{id}, with a size for each record, is better");
-    found.trials.iter_mut().filter(is_replaced).for_each(|t| t.why.clone_from(&why));
-    let own = |t: &&mut Trial| t.identity == id && t.beside.is_empty() && t.rms_fit.is_some();
-    found.trials.iter_mut().filter(own).for_each(|t| t.why = "accepted, with a size for each record".into());
-    found.rivals = vec![rivals];
-    found.evidence = vec![evidence];
-    found.best = model.clone();
-    true
 }
 
 /// Number of sets that are examined closely, one after the other, until one is accepted unchanged.
@@ -651,7 +519,7 @@ fn evidence_for(
     evidence_from(best, less, which, effective, &compare_held_out(best, less, &[which], own, threads), threads)
 }
 
-fn evidence_from(
+pub(super) fn evidence_from(
     best: &FittedModel,
     less: &FittedModel,
     which: usize,
@@ -673,7 +541,7 @@ fn evidence_from(
 }
 
 /// Reason against an effect, if there is one.
-fn rejection_reason(best: &FittedModel, which: usize, evidence: &Evidence) -> Option<String> {
+pub(super) fn rejection_reason(best: &FittedModel, which: usize, evidence: &Evidence) -> Option<String> {
     let [ratio, low, high] = evidence.judge_ratio;
     let (gain, sham) = (evidence.gain, evidence.sham);
     let sure = size_in_standard_errors(best, which);
@@ -780,130 +648,4 @@ fn at_bound(model: &FittedModel, which: usize) -> Option<String> {
         }
     }
     None
-}
-
-/// Up to this multiple of what does not repeat itself in the means of two runs, their difference may be that alone: sqrt(2) is
-/// expected of two runs of one drive. measured: a constant load against the same friction 0.14 to 0.68, against drag 1.3 to 59.
-const SAME_MEANS: f64 = 2.0;
-
-/// Whether two models give the same output but for what does not repeat itself in their runs. A score may still prefer one, by chance.
-fn are_the_same(a: &FittedModel, b: &FittedModel) -> bool {
-    let Some(unrepeated) = b.problem.unrepeated(&b.fit.point) else { return false };
-    let apart = |c: usize| {
-        let parts = a.fit_residuals[c].iter().zip(&b.fit_residuals[c]);
-        let differences: Vec<Vec<f64>> = parts.map(|(a, b)| a.iter().zip(b).map(|(a, b)| a - b).collect()).collect();
-        stats::rms(&differences)
-    };
-    unrepeated.iter().enumerate().all(|(c, u)| apart(c) <= SAME_MEANS * u.in_mean)
-}
-
-/// A rival that after so many iterations leaves more than this multiple of the best model's error is given up. Not varied: fits that still
-/// fall take three times as many iterations, and a rival must come within a few percent of the best model.
-const RIVAL_ITERATIONS: usize = 10;
-const HOPELESS: f64 = 3.0;
-
-/// The best model with another hypothesis in place of an effect, fitted; None: it stays far from the best model.
-fn rival_of<'a>(
-    declared: &FittedModel<'a>,
-    best: &FittedModel<'a>,
-    rest: &[usize],
-    (h, fit_start): (&Hypothesis, &FitStart),
-    own: &'a Data,
-) -> Option<FittedModel<'a>> {
-    if !best.problem.machine.effort().is_thorough {
-        return Some(refitted(declared, best, rest, Some((h, fit_start)), own, 1, FIT_ITERATIONS));
-    }
-    let early = refitted(declared, best, rest, Some((h, fit_start)), own, 1, RIVAL_ITERATIONS);
-    if mean_error(&early.fit_residuals) > HOPELESS * mean_error(&best.fit_residuals) {
-        return None;
-    }
-    Some(fit_model(early.problem.clone(), &early.fit.point, own, early.effects.clone(), 1, FIT_ITERATIONS))
-}
-
-/// Replaces every effect of the best model by each alternative that was examined, and keeps those that fit as well. Where fits are few, one of
-/// them may have missed its minimum in the search: the best model that fits clearly better, in held-out records too.
-fn rivals<'a>(
-    declared: &FittedModel<'a>,
-    best: &FittedModel<'a>,
-    all: &[FittedModel<'a>],
-    (hypotheses, alike, is_settled): (&[Hypothesis], &[IndistinguishablePair], bool),
-    effective: &[f64],
-    own: &'a Data,
-    context: &Context<'_>,
-    trials: &mut [Trial],
-) -> (Vec<Vec<Rival>>, Option<FittedModel<'a>>) {
-    let best_score = score(best, effective);
-    let may_be_missed = !best.problem.machine.effort().is_thorough;
-    let mut better: Option<FittedModel<'a>> = None;
-    let mut rivals = Vec::new();
-    for which in 0..best.effects.len() {
-        let id = best.effects[which].identity();
-        let rest: Vec<usize> = (0..best.effects.len()).filter(|i| *i != which).collect();
-        let mut mine: Vec<Rival> = Vec::new();
-        context.report("looking for rivals");
-        let less = without_effect(declared, best, which, own, context.threads);
-        // Alternatives are the hypotheses that were fitted at any stage, and those whose columns looked alike from the
-        // start, in their own form and with sharper shapes, even if they explained little in their own form.
-        let taken = |other: &str| best.effects.iter().any(|b| b.identity() == other);
-        let twin = |h: &&Hypothesis| {
-            let other = h.identity();
-            let is_pair = |a: &IndistinguishablePair| (a.a == id && a.b == other) || (a.b == id && a.a == other);
-            !taken(&other) && alike.iter().any(is_pair)
-        };
-        let twins: Vec<Hypothesis> = hypotheses.iter().filter(twin).flat_map(|h| [h.clone(), narrowed(h)]).collect();
-        let mut tried: Vec<&Hypothesis> = twins.iter().collect();
-        // Where the search began at a set, its effects were never fitted against others: screening decides which are.
-        let others: &[Hypothesis] = if is_settled { hypotheses } else { &[] };
-        for h in all.iter().flat_map(|m| &m.effects).chain(others) {
-            let own_id = h.identity();
-            if !taken(&own_id) && own_id != id && tried.iter().all(|t| t.identity() != own_id) {
-                tried.push(h);
-            }
-        }
-        let base = LinearisedBase::new(&less.problem, &less.fit);
-        let own_gain = screen(&less.problem, &base, &less.fit, &best.effects[which]).gain;
-        let models = parallel(tried.len(), context.threads, |i| {
-            if context.must_end() {
-                return None;
-            }
-            let p = screen(&less.problem, &base, &less.fit, tried[i]);
-            // A hypothesis that explains far less as a small addition is not a rival.
-            if !p.columns.is_empty() && p.gain < RIVAL_GAIN * own_gain {
-                return None;
-            }
-            rival_of(declared, best, &rest, (tried[i], &p.fit_start), own)
-        });
-        for m in models.into_iter().flatten() {
-            let worse = score(&m, effective) - best_score;
-            let Some(h) = m.effects.last() else { continue };
-            let same = are_the_same(&m, best);
-            // Friction that bends beyond the speeds of the records is the damper that it is held against.
-            let is_degenerate =
-                m.effects.len().checked_sub(1).is_some_and(|last| outside_the_records(&m, last).is_some());
-            if is_degenerate || worse >= CLEAR_SCORE_GAP && !same {
-                continue;
-            }
-            let ratio = m.residuals().judge_ratio(best.residuals());
-            let is_clear = worse < -CLEAR_SCORE_GAP && ratio[2] < 1.0 && !same;
-            let is_best = better.as_ref().is_none_or(|b| score(&m, effective) < score(b, effective));
-            if may_be_missed && is_clear && is_best {
-                better = Some(m.clone());
-            }
-            if ratio[1] < 1.02 || same {
-                mine.push(Rival { identity: h.identity(), path: h.path(), score: worse, judge_ratio: ratio });
-                for t in trials.iter_mut().filter(|t| t.identity == h.identity()) {
-                    t.why = format!("cannot be told from {id}");
-                }
-            }
-        }
-        mine.sort_by(|a, b| a.score.total_cmp(&b.score));
-        let mut known: Vec<String> = Vec::new();
-        mine.retain(|r| {
-            let new = !known.contains(&r.identity);
-            known.push(r.identity.clone());
-            new
-        });
-        rivals.push(mine);
-    }
-    (rivals, better)
 }

@@ -6,6 +6,7 @@
 
 #[doc(hidden)]
 pub mod accept;
+mod accept_drifting;
 #[doc(hidden)]
 pub mod candidates;
 #[doc(hidden)]
@@ -31,6 +32,8 @@ pub mod predict;
 pub mod problem;
 pub mod report;
 #[doc(hidden)]
+pub mod rivals;
+#[doc(hidden)]
 pub mod screen;
 pub mod search;
 mod settled;
@@ -48,6 +51,7 @@ pub mod updated;
 pub mod windows;
 
 use crate::machine::Machine;
+use crate::machine::fidelity::RecordsOfSensors;
 use crate::machine::simulate::RunError;
 use crate::measurement::Measurement;
 use crate::measurement::segments::Data;
@@ -90,7 +94,10 @@ pub fn identify(
     context: &Context,
 ) -> Result<IdentificationReport, DeclaredModelFails> {
     let own = judge::held_out_segments(data);
-    let named = machine.for_noise(noise_of_sensors(machine, data));
+    let named = machine.for_records(RecordsOfSensors {
+        noise: noise_of_sensors(machine, data),
+        longest_s: data.clocks.iter().map(|c| c.length_s).fold(0.0, f64::max),
+    });
     let problem = search::declared(measurement, &named, data, context);
     let start = problem.start();
     for (k, s) in data.segments.iter().enumerate() {
@@ -117,7 +124,7 @@ pub fn identify(
         // A single effect may have taken the place of one whose size differs from record to record.
         let others = if found.best.effects.len() <= 1 { &leads[..] } else { &[] };
         let drifting = drifting::varying_numbers(&found.best, others, context);
-        has_course = accept::accept_drifting(&mut found, &drifting);
+        has_course = accept_drifting::accept_drifting(&mut found, &drifting);
         if has_course {
             report = report::report(measurement, data, &found);
         }

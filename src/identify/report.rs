@@ -1,7 +1,7 @@
 //! Final report: outcome, effects with their errors, the tried hypotheses and why they were rejected, errors before and
 //! after.
 
-use super::accept::{AcceptedResult, Rival};
+use super::accept::AcceptedResult;
 use super::diagnosis::Diagnosis;
 use super::drifting::VaryingNumber;
 use super::inverse::InverseDynamics;
@@ -9,6 +9,7 @@ use super::judge::Residuals;
 use super::model::{FittedModel, placed_path, standard_error, standard_errors_off};
 use super::predict::Prediction;
 use super::problem::{Point, Problem};
+use super::rivals::Rival;
 use super::search::{DEFAULT_SPREAD, Trial};
 use super::steady::{self, Size};
 use super::structure::{self, Collision, Detectable, IndistinguishablePair};
@@ -445,12 +446,7 @@ fn effect(found: &AcceptedResult, which: usize, data: &Data) -> NamedEffect {
         if rivals.iter().all(|r| r.path != other) {
             let tried = found.trials.iter().find(|t| t.identity.starts_with(&other)).and_then(|t| t.score);
             let score = tried.unwrap_or(f64::NAN);
-            rivals.push(super::accept::Rival {
-                identity: other.clone(),
-                path: other.clone(),
-                score,
-                judge_ratio: [f64::NAN; 3],
-            });
+            rivals.push(Rival { identity: other.clone(), path: other.clone(), score, judge_ratio: [f64::NAN; 3] });
         }
         by_order.push(other);
     }

@@ -84,6 +84,15 @@ pub enum RoomForEffect {
     Refused(&'static str),
 }
 
+/// What records tell of how exactly a model must be run.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RecordsOfSensors {
+    /// Noise of every sensor in SI units of its reading; 0: no record reads it.
+    pub noise: Vec<f64>,
+    /// Duration of the longest record [s]; 0: unknown.
+    pub longest_s: f64,
+}
+
 /// The questions.
 pub trait Fidelity: std::fmt::Debug + Send + Sync {
     /// All possible targets of an effect, with their names.
@@ -125,8 +134,8 @@ pub trait Fidelity: std::fmt::Debug + Send + Sync {
     /// Steps that a sample of this task, or the shortest interval between pulses, needs; None: the step does not depend on values.
     fn steps_needed(&self, m: &Machine, values: &[f64], task: &Task, start: &InitialState) -> Option<f64>;
 
-    /// The same, for records with this noise of every sensor [SI of its reading] (0: no record reads it); None: noise changes nothing.
-    fn for_noise(&self, noise: Vec<f64>) -> Option<Arc<dyn Fidelity>>;
+    /// The same, for such records; None: they change nothing.
+    fn for_records(&self, records: RecordsOfSensors) -> Option<Arc<dyn Fidelity>>;
 
     /// How much a search may ask of runs.
     fn effort(&self) -> &'static SearchEffort;

@@ -1,6 +1,8 @@
 //! The fidelity with link bodies: steady motion, read off one period of a run that takes a second; runs are kept.
 
-use super::fidelity::{Fidelity, PitchPeriod, RoomForEffect, RunRequest, SearchEffort, UnrepeatedPart};
+use super::fidelity::{
+    Fidelity, PitchPeriod, RecordsOfSensors, RoomForEffect, RunRequest, SearchEffort, UnrepeatedPart,
+};
 use super::period::{PeriodOfDrive, lcm};
 use super::response::{MAX_PERIOD_S, PeriodicResponse, ResponseError};
 use super::simulate::{InitialState, RunError, Samples, Task, between, clock, through_sensor};
@@ -27,8 +29,7 @@ pub(super) struct LinkedDrive {
     period: PeriodOfDrive,
     /// Paths of effects that the drive file declares.
     declared: Vec<String>,
-    /// For every sensor: noise of its channel in SI units of the reading; 0: no channel reads it.
-    noise: Vec<f64>,
+    records: RecordsOfSensors,
     known: Mutex<HashMap<ChangedNumbers, Arc<Result<PeriodicResponse, ResponseError>>>>,
 }
 
@@ -49,8 +50,8 @@ const EFFORT: SearchEffort = SearchEffort {
 
 impl LinkedDrive {
     pub(super) fn new(drive: &Drive, m: &Machine, period: PeriodOfDrive, declared: Vec<String>) -> LinkedDrive {
-        let (drive, file, noise, known) = (drive.clone(), m.values.clone(), Vec::new(), Mutex::default());
-        LinkedDrive { drive, file, period, declared, noise, known }
+        let (drive, file, records, known) = (drive.clone(), m.values.clone(), Default::default(), Mutex::default());
+        LinkedDrive { drive, file, period, declared, records, known }
     }
 
     /// The numbers that turn the file's drive into this machine with these values, in the units of their keys.
@@ -85,7 +86,7 @@ impl LinkedDrive {
         runs.fetch_add(1, Ordering::Relaxed);
         let drive = self.drive.with_numbers(&numbers).map_err(ResponseError::Drive);
         let (alike, pitches) = (self.period.alike, self.pitches(m));
-        let response = Arc::new(drive.and_then(|drive| PeriodicResponse::of(&drive, alike, pitches, &self.noise)));
+        let response = Arc::new(drive.and_then(|drive| PeriodicResponse::of(&drive, alike, pitches, &self.records)));
         if let Ok(mut known) = self.known.lock() {
             known.insert(key, response.clone());
         }
@@ -352,13 +353,13 @@ impl Fidelity for LinkedDrive {
         None
     }
 
-    fn for_noise(&self, noise: Vec<f64>) -> Option<Arc<dyn Fidelity>> {
+    fn for_records(&self, records: RecordsOfSensors) -> Option<Arc<dyn Fidelity>> {
         Some(Arc::new(LinkedDrive {
             drive: self.drive.clone(),
             file: self.file.clone(),
             period: self.period.clone(),
             declared: self.declared.clone(),
-            noise,
+            records,
             known: Mutex::default(),
         }))
     }

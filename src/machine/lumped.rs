@@ -1,6 +1,8 @@
 //! The lumped fidelity: bodies with one coordinate each, springs between them, any motion from any start, in milliseconds.
 
-use super::fidelity::{Fidelity, PitchPeriod, RoomForEffect, RunRequest, SearchEffort, UnrepeatedPart};
+use super::fidelity::{
+    Fidelity, PitchPeriod, RecordsOfSensors, RoomForEffect, RunRequest, SearchEffort, UnrepeatedPart,
+};
 use super::simulate::{self, InitialState, RunError, Task};
 use super::{Body, BodyMotion, InputKind, Machine, Reads, Target};
 use crate::effects::{Effect, Kind, On, Parameter, Physics};
@@ -142,7 +144,7 @@ impl Fidelity for Lumped {
         Some(simulate::steps_needed(m, values, task, start))
     }
 
-    fn for_noise(&self, _noise: Vec<f64>) -> Option<Arc<dyn Fidelity>> {
+    fn for_records(&self, _records: RecordsOfSensors) -> Option<Arc<dyn Fidelity>> {
         None
     }
 

@@ -27,7 +27,7 @@ use crate::diag::{Report, last_name};
 use crate::drive::Drive;
 use crate::drive::reader::{DriveReader, Places};
 use crate::effects::{Effect, Parameter};
-use fidelity::{Fidelity, PitchPeriod, RoomForEffect, RunRequest, SearchEffort, UnrepeatedPart};
+use fidelity::{Fidelity, PitchPeriod, RecordsOfSensors, RoomForEffect, RunRequest, SearchEffort, UnrepeatedPart};
 use response::WithoutPeriod;
 use simulate::{InitialState, RunError, Task};
 use std::sync::Arc;
@@ -321,9 +321,9 @@ impl Machine {
         }
     }
 
-    /// The same for records with this noise of every sensor [SI of its reading]; 0: no record reads it.
-    pub fn for_noise(&self, noise: Vec<f64>) -> Machine {
-        let fidelity = self.fidelity.for_noise(noise).unwrap_or_else(|| self.fidelity.clone());
+    /// The same for such records.
+    pub fn for_records(&self, records: RecordsOfSensors) -> Machine {
+        let fidelity = self.fidelity.for_records(records).unwrap_or_else(|| self.fidelity.clone());
         Machine { fidelity, ..self.clone() }
     }
 

@@ -7,6 +7,7 @@
 //! common after 0.2 s at 3000 rpm. The position in the period at which a record starts is one parameter, its travel in
 //! pitches.
 
+use super::fidelity::RecordsOfSensors;
 use super::period::PeriodOfDrive;
 use super::simulate::{between, cubic};
 use crate::assemble::AssemblyError;
@@ -27,9 +28,11 @@ const CREEP_SHARE: f64 = 0.1;
 const SURE_OF_CREEP: f64 = 2.0;
 const LONGEST_CREEP_S: f64 = 2.0;
 const LEAST_WINDOWS: f64 = 3.0;
-/// Shortest and longest duration that is folded [s].
+/// Shortest and longest duration that is folded [s]. So many times the longest record are enough: the mean of what does not repeat is then known
+/// better than in the record. Not varied.
 const SHORTEST_S: f64 = 0.3;
 const LONGEST_S: f64 = 1.6;
+const FOLDED_RECORDS: f64 = 2.0;
 /// Folding continues until the standard error of the mean is below this fraction of a channel's noise.
 const MEAN_ERROR_SHARE: f64 = 0.15;
 /// Minimum number of readings per two pitches, and the time between two [s].
@@ -212,17 +215,21 @@ pub(super) fn turns_of_orders<'a>(orders: impl Iterator<Item = &'a Harmonic> + C
 }
 
 impl PeriodicResponse {
-    /// Runs a drive that repeats itself after `repeats` pitches, after `alike` ones if all its links and teeth are alike. `noise` of every sensor
-    /// [SI], 0: nobody reads it.
+    /// Runs a drive that repeats itself after `repeats` pitches, after `alike` ones if all its links and teeth are alike, for these records.
     pub(super) fn of(
         drive: &Drive,
         alike: u32,
         repeats: u32,
-        noise: &[f64],
+        records: &RecordsOfSensors,
     ) -> Result<PeriodicResponse, ResponseError> {
         if let Some(why) = without_period(drive) {
             return Err(ResponseError::WithoutPeriod(why));
         }
+        let noise = &records.noise;
+        let longest_s = match records.longest_s > 0.0 {
+            true => (FOLDED_RECORDS * records.longest_s).clamp(SHORTEST_S, LONGEST_S),
+            false => LONGEST_S,
+        };
         let pitches = f64::from(repeats);
         let pitches_per_s = drive.chain_speed_m_s().abs() / drive.chain.pitch_m();
         let period_s = pitches / pitches_per_s;
@@ -267,7 +274,7 @@ impl PeriodicResponse {
                 let noise = noise.get(s).copied().unwrap_or(0.0);
                 noise <= 0.0 || fold.unrepeated(s) / libm::sqrt(wanted as f64) < MEAN_ERROR_SHARE * noise
             });
-            if sure || 2.0 * wanted as f64 * period_s > LONGEST_S {
+            if sure || 2.0 * wanted as f64 * period_s > longest_s {
                 break;
             }
             wanted *= 2;
