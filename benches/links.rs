@@ -5,6 +5,9 @@
 #[path = "../tests/links/mod.rs"]
 mod links;
 
+#[path = "../tests/links/engines.rs"]
+mod engines;
+
 fn main() {
     let word = std::env::args().skip(1).find(|a| !a.starts_with('-'));
     println!(
@@ -13,8 +16,8 @@ fn main() {
     );
     let one_chain = links::CASES.iter().map(|c| (links::one_chain(links::bush(), c), c));
     let reductions = links::REDUCTION_CASES.iter().map(|c| (links::reduction(), c));
-    let engines = links::ENGINE_CASES.iter().map(|c| {
-        let rig = if c.name.starts_with("ford") { links::ford_v6() } else { links::bmw318() };
+    let engines = engines::ENGINE_CASES.iter().map(|c| {
+        let rig = if c.name.starts_with("ford") { engines::ford_v6() } else { engines::bmw318() };
         (rig, c)
     });
     let tensioners = links::TENSIONER_CASES.iter().map(|c| (links::tensioner(), c));

@@ -539,7 +539,7 @@ pub struct PassageEffect {
     pub size: f64,
 }
 
-/// Spring and damper that a straight guide stands on, behind its contacts; it moves along its normal.
+/// Spring and damper that a straight guide or a fixed rail stands on, behind its contacts; it moves along its normal.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GuideMount {
     /// Path in the file.

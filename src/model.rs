@@ -261,7 +261,7 @@ pub struct Model {
     pub order_loads: Vec<OrderLoad>,
     /// Bearings that let sprockets, shafts and rails give way.
     pub bearings: Vec<BearingModel>,
-    /// Coordinates of guides that stand on mounts.
+    /// Coordinates of guides and rails that stand on mounts.
     pub mounts: Vec<usize>,
     /// Couplings between what turns.
     pub couplings: Vec<Coupling>,

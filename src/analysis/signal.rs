@@ -173,13 +173,15 @@ fn span(name: &str, header: &Header) -> Option<SpanEnds> {
     Some((body(from)?, body(to)?)).filter(|(from, to)| from != to)
 }
 
-/// The row of a path, or of its last word where one path alone ends so, but for those that an effect adds beside another of its name.
+/// The row of a path, or of its last word where one path alone ends so. A part of the drive goes before what an effect adds under its name.
 fn one_row(paths: &[String], wanted: &str) -> Option<usize> {
     let exact = paths.iter().position(|p| p == wanted);
-    let is_so_called = |p: &String| last_name(p) == wanted && !p.starts_with("effects.");
-    let mut by_word = (0..paths.len()).filter(|row| paths.get(*row).is_some_and(is_so_called));
-    let first = by_word.next().filter(|_| by_word.next().is_none());
-    exact.or(first)
+    let one_of = |added: bool| {
+        let is_so_called = |p: &String| last_name(p) == wanted && p.starts_with("effects.") == added;
+        let mut by_word = (0..paths.len()).filter(|row| paths.get(*row).is_some_and(is_so_called));
+        by_word.next().filter(|_| by_word.next().is_none())
+    };
+    exact.or_else(|| one_of(false)).or_else(|| one_of(true))
 }
 
 /// `TABLE.COLUMN[ROW]` or `TABLE.NAME.COLUMN`: table, column, row.

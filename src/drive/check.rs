@@ -461,7 +461,7 @@ impl Drive {
                 Carried::Sprocket(_) | Carried::Shaft(_) => continue,
             };
             if let Some((_, mount)) = self.effects.mounts().find(|(guide, _)| guide == name) {
-                mistakes.add(&mount.path, format!("guide `{name}` stands on `{}` already", b.path), "keep one of them");
+                mistakes.add(&mount.path, format!("`{name}` stands on `{}` already", b.path), "keep one of them");
             }
         }
         let drivers = self.sprockets.iter().filter(|s| matches!(s.outer, OuterSpec::Speed { .. })).count();

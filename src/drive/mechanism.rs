@@ -72,7 +72,8 @@ impl OilSpec {
         let passage = self.passages.iter().find(|p| last_name(&p.path) == passage)?;
         match &passage.law {
             PassageLaw::Leak { gap, .. } if *effect == leak_gap::ROW => {
-                Some((NARROWEST_GAP_M - gap.gap_m, WIDEST_GAP * gap.diameter_m - gap.gap_m))
+                // A little less than is allowed, because of rounding.
+                Some((NARROWEST_GAP_M - gap.gap_m, (1.0 - 1e-9) * WIDEST_GAP * gap.diameter_m - gap.gap_m))
             }
             PassageLaw::Orifice { diameter_m, .. } if *effect == orifice_diameter::ROW => {
                 Some((NARROWEST_HOLE_M - diameter_m, f64::INFINITY))

@@ -2,7 +2,7 @@
 //! that of the line from its beginning to its end.
 //!
 //! ```text
-//! m x'' = -(sum of the normal forces of the chain) - k x - c x'      k = 1 / compliance,  c = 2 zeta sqrt(k m)
+//! m x'' = -(force of the chain along its way) - k x - c x'      k = 1 / compliance,  c = 2 zeta sqrt(k m)
 //! ```
 //! x is the way of the guide towards the chain. At rest it stands back by force times compliance. The contact keeps its own law, and sees the
 //! guide's speed. The whole guide moves: 200 mm of a bar of polyamide, 8 x 11 mm at 1140 kg/m3, have 20 g. A lighter
@@ -15,7 +15,7 @@ pub const ROW: Effect = Effect {
     title: "Guide compliance",
     part: Part::Guide,
     on: On::Guide,
-    equation: "m x'' + 2 zeta sqrt(k m) x' + k x = -F_normal, k = 1/compliance",
+    equation: "m x'' + 2 zeta sqrt(k m) x' + k x = -F, F the force of the chain along its way; k = 1/compliance",
     source: "A mass on a spring and a damper behind the contact; mass and damping are assumed: 200 mm of a bar of polyamide, loss factor 0.2",
     order: "none: a mode of the guide",
     speed_law: "0",

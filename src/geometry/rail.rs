@@ -48,6 +48,9 @@ pub struct Rail {
 /// Centres and radii that differ by less are equal [m].
 const SAME_CENTRE_M: f64 = 1e-9;
 
+/// Ends that are closer coincide [m].
+const SHORTEST_CHORD_M: f64 = 1e-6;
+
 /// Arcs turn by less than this, so that one sector determines which directions belong to them.
 pub const LARGEST_SWEEP_RAD: f64 = 0.9 * PI;
 
@@ -118,11 +121,15 @@ impl Rail {
         }
     }
 
-    /// Direction towards the chain: the normal of the straight line from its beginning to its end.
+    /// Direction towards the chain: the normal of the straight line from its beginning to its end; where these coincide, that of its contour at the
+    /// beginning.
     pub fn towards_chain(&self) -> Vec2 {
         let ends = self.profile.elements().first().zip(self.profile.elements().last());
-        let chord = ends.map_or(Vec2::x(), |(first, last)| last.end() - first.start());
-        -perp(chord / chord.norm())
+        let along = ends.map_or(Vec2::x(), |(first, last)| {
+            let chord = last.end() - first.start();
+            if chord.norm() > SHORTEST_CHORD_M { chord.normalize() } else { first.tangent(0.0) }
+        });
+        -perp(along)
     }
 
     /// Axis-aligned bounding box: (lower, upper).

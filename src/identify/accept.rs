@@ -257,7 +257,9 @@ pub fn accept<'a>(
         all.sort_by(|a, b| score(a, &effective).total_cmp(&score(b, &effective)));
         let mut told = untold.clone();
         let (next, its_evidence) = accepted(&declared, &all, simulated, &effective, own, context, &mut told);
-        if next.identity() == best.identity() {
+        // A pass that the end of the time has cut short may have lost effects.
+        let is_better = score(&next, &effective) < score(&best, &effective);
+        if next.identity() == best.identity() || !is_better || context.must_end() {
             break rivals;
         }
         (best, evidence, trials) = (next, its_evidence, told);

@@ -8,7 +8,7 @@ use crate::machine::fidelity::RoomForEffect;
 use crate::machine::simulate::Samples;
 use crate::machine::{Machine, Reads, Sensor, Target};
 use crate::measurement::CandidateSpec;
-use crate::measurement::segments::Data;
+use crate::measurement::segments::{Data, RecordSegment};
 use crate::units::within;
 
 /// One hypothesis: an effect at one place, with chosen starting shapes and integers.
@@ -179,7 +179,15 @@ impl Sizes {
                 length_s = length_s.max(t_s.last().copied().unwrap_or(0.0));
             }
         }
-        let speed: Vec<f64> = speeds.iter().map(|v| v.abs()).collect();
+        let mut speed: Vec<f64> = speeds.iter().map(|v| v.abs()).collect();
+        for (c, channel) in data.channels.iter().enumerate() {
+            if let Reads::Angle(b) = m.sensors[channel.sensor].reads
+                && m.bodies[b].slides
+            {
+                let own = data.segments.iter().filter_map(|s| measured_speed(s, c, channel.noise));
+                speed[b] = own.fold(speed[b], f64::max);
+            }
+        }
         // What the declared loads take, as a torque on every shaft.
         let load_nm = |name: &str| m.slot(&format!("loads.constant.{name}.torque_nm")).map(|s| m.values[s]);
         let mut power_w = 0.0;
@@ -298,6 +306,25 @@ fn rate(problem: &Problem) -> f64 {
     std::f64::consts::PI / step / 5.0
 }
 
+/// Root mean square speed of a measured way [m/s], over the shortest time in which it goes so many times the noise; None: it does not.
+fn measured_speed(segment: &RecordSegment, channel: usize, noise: f64) -> Option<f64> {
+    let Samples::Times { step_s, .. } = &segment.task.samples else { return None };
+    let way = &segment.measured[channel];
+    let mut lag = 1;
+    while lag < way.len() / 2 {
+        let steps: Vec<f64> = way.windows(lag + 1).map(|w| w[lag] - w[0]).filter(|d| d.is_finite()).collect();
+        let moved = rms(&steps);
+        if !steps.is_empty() && moved > MOVED_NOISES * noise {
+            return Some(moved / (lag as f64 * step_s));
+        }
+        lag *= 2;
+    }
+    None
+}
+
+/// assumed: the noise then adds two percent to the speed.
+const MOVED_NOISES: f64 = 7.0;
+
 /// Sizes of what swings about a place, arms and plungers, where nothing says them. assumed: a plunger moves by 0.1 mm at 150 Hz, some 10 N act
 /// on it, and an arm has 0.1 m.
 const SWINGING_FORCE_N: f64 = 10.0;
@@ -399,7 +426,10 @@ pub fn all(
             let mut forms: Vec<Vec<f64>> = vec![Vec::new()];
             for (p, scale) in rows.iter().zip(&scales) {
                 let starts: Vec<f64> = match p.kind {
-                    Kind::Amplitude => p.starts.iter().map(|s| s * scale).collect(),
+                    Kind::Amplitude => {
+                        let (low, high) = m.size_range(effect, target, p);
+                        p.starts.iter().map(|s| within(s * scale, low * p.unit, high * p.unit)).collect()
+                    }
                     Kind::PerMark => vec![p.starts[0] * scale],
                     // Within the range of the effect, independent of the records.
                     Kind::Shape | Kind::Tried => {

@@ -74,8 +74,11 @@ pub fn fit_held_out<'a>(
     }
     // A phase may have started on the wrong side of its circle. Nothing joins the records here, so that each takes its own best.
     let cost = |of: &Fit, record: usize| -> f64 {
-        let own = own.segments.iter().zip(&of.residuals).filter(|(s, _)| s.record == record);
-        own.map(|(_, r)| r.iter().map(|r| r * r).sum::<f64>()).sum()
+        let segments = own.segments.iter().zip(&of.residuals).filter(|(s, _)| s.record == record);
+        let left: f64 = segments.map(|(_, r)| r.iter().map(|r| r * r).sum::<f64>()).sum();
+        let numbers = held.globals.iter().zip(&of.point.globals).filter(|(g, _)| g.record == Some(record));
+        let away = numbers.filter_map(|(g, x)| g.prior.map(|(mean, spread)| (x - mean) / spread));
+        left + away.map(|z| z * z).sum::<f64>()
     };
     let records: BTreeSet<usize> = own.segments.iter().map(|s| s.record).collect();
     let mut least: Vec<(usize, f64)> = records.iter().map(|r| (*r, cost(&first, *r))).collect();

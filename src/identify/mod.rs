@@ -96,7 +96,7 @@ pub fn identify(
     let own = judge::held_out_segments(data);
     let named = machine.for_records(RecordsOfSensors {
         noise: noise_of_sensors(machine, data),
-        longest_s: data.clocks.iter().map(|c| c.length_s).fold(0.0, f64::max),
+        at_one_point_s: longest_at_one_point_s(data),
     });
     let problem = search::declared(measurement, &named, data, context);
     let start = problem.start();
@@ -175,6 +175,14 @@ pub fn identify(
     report.budget_spent = cut_short && !report.interrupted;
     report.model_runs = context.runs.load(Ordering::Relaxed);
     Ok(report)
+}
+
+/// Duration of the records at the operating point that has most [s].
+fn longest_at_one_point_s(data: &Data) -> f64 {
+    let of = |set: &Vec<(usize, f64)>| -> f64 {
+        data.set.iter().zip(&data.clocks).filter(|(other, _)| *other == set).map(|(_, clock)| clock.length_s).sum()
+    };
+    data.set.iter().map(of).fold(0.0, f64::max)
 }
 
 /// Noise of the channel of every sensor, in SI units of its reading; 0: no channel reads it.

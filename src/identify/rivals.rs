@@ -95,7 +95,7 @@ pub(super) fn rivals<'a>(
             let is_pair = |a: &IndistinguishablePair| (a.a == id && a.b == other) || (a.b == id && a.a == other);
             !taken(&other) && alike.iter().any(is_pair)
         };
-        let twins: Vec<Hypothesis> = hypotheses.iter().filter(twin).flat_map(|h| [h.clone(), narrowed(h)]).collect();
+        let twins: Vec<Hypothesis> = hypotheses.iter().filter(twin).flat_map(in_both_forms).collect();
         let mut tried: Vec<&Hypothesis> = twins.iter().collect();
         // Where the search began at a set, its effects were never fitted against others: screening decides which are.
         let others: &[Hypothesis] = if is_settled { hypotheses } else { &[] };
@@ -151,6 +151,12 @@ pub(super) fn rivals<'a>(
         rivals.push(mine);
     }
     (rivals, better)
+}
+
+/// A hypothesis, and the same with sharper shapes if it has any.
+fn in_both_forms(h: &Hypothesis) -> Vec<Hypothesis> {
+    let sharp = narrowed(h);
+    if sharp.values == h.values { vec![sharp] } else { vec![h.clone(), sharp] }
 }
 
 /// The hypothesis with shape parameters a thirtieth as wide, which then approximate a jump or step that they would

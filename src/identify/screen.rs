@@ -98,15 +98,24 @@ impl LinearisedBase {
         project_out(&out, &self.basis)
     }
 
-    /// An earlier screening of a hypothesis in a motion with a period, beside what this model has taken up since. Records keep the places that
-    /// they have found since.
-    pub fn reused(&self, earlier: &ScreeningResult, h: &Hypothesis) -> ScreeningResult {
+    /// An earlier screening of a hypothesis in a motion with a period, beside what this model has taken up since: its first amplitude, which has one
+    /// column. `moved`: for every segment, where the earlier model began and where this one does [pitches]. Each keeps the place that it has found
+    /// since, moved on by whole periods of a drive with all links alike, which say where on the loop the effect lies.
+    pub fn reused(
+        &self,
+        earlier: &ScreeningResult,
+        h: &Hypothesis,
+        (moved, alike): (&[[f64; 2]], f64),
+        range: (f64, f64),
+    ) -> ScreeningResult {
         let columns: Vec<Vec<f64>> = earlier.columns.iter().map(|c| self.projected(c)).collect();
-        let mut fit_start = FitStart { travels: Vec::new(), ..earlier.fit_start.clone() };
+        let on = |(place, [was, now]): (&f64, &[f64; 2])| now + alike * libm::round((place - was) / alike);
+        let travels = earlier.fit_start.travels.iter().zip(moved).map(on).collect();
+        let mut fit_start = FitStart { travels, ..earlier.fit_start.clone() };
         let mut gain = 0.0;
         if let ([column], Some(amplitude)) = (&columns[..], h.amplitudes().first()) {
             let (along, size) = dot_and_size(&self.residual, column);
-            let (low, high) = multiples(h, *amplitude);
+            let (low, high) = multiples(h, *amplitude, range);
             let x = within(-along / f64::max(size, 1e-300), low, high);
             gain = (-(2.0 * x * along + x * x * size) / f64::max(self.cost(), 1e-300)).max(0.0);
             if x != 0.0 {
@@ -355,7 +364,7 @@ fn screen_on_loop(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypot
         sizes.push(all);
     }
     let row = h.rows[amplitude];
-    let (low, high) = multiples(h, amplitude);
+    let (low, high) = multiples(h, amplitude, problem.machine.size_range(h.effect, h.target, row));
     // Share of the cost that factor x removes at place p of a segment: -(2 x along + x^2 size).
     let takes = |x: f64, (along, size): (f64, f64)| -(2.0 * x * along + x * x * size);
     let mut best: Option<(f64, f64, Vec<u32>)> = None;
@@ -411,7 +420,7 @@ fn screen_on_loop(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypot
     let (along, size) = dot_and_size(&rests, &columns[0]);
     let x = within(-along / f64::max(size, 1e-300), low, high);
     let mut values = h.values.clone();
-    values[amplitude] = within(x * h.values[amplitude], row.low * row.unit, row.high * row.unit);
+    values[amplitude] = x * h.values[amplitude];
     if values[amplitude] == 0.0 {
         values[amplitude] = SMALL * h.values[amplitude];
     }
@@ -421,10 +430,9 @@ fn screen_on_loop(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypot
     Some(ScreeningResult { gain, fit_start: FitStart { values, phases, travels }, columns, idle: false })
 }
 
-/// Range of an amplitude in multiples of its starting value, which may be negative; at most a million.
-fn multiples(h: &Hypothesis, amplitude: usize) -> (f64, f64) {
-    let row = h.rows[amplitude];
-    let ends = [row.low, row.high].map(|end| end * row.unit / h.values[amplitude]);
+/// Range of an amplitude, in its key's unit, in multiples of its starting value, which may be negative; at most a million.
+fn multiples(h: &Hypothesis, amplitude: usize, (low, high): (f64, f64)) -> (f64, f64) {
+    let ends = [low, high].map(|end| end * h.rows[amplitude].unit / h.values[amplitude]);
     (ends[0].min(ends[1]).max(-1e6), ends[0].max(ends[1]).min(1e6))
 }
 

@@ -11,7 +11,7 @@ use super::inverse;
 use super::judge;
 use super::model::{FIT_ITERATIONS, FittedModel, fit_model, score, with_shapes_beyond};
 use super::predict;
-use super::problem::{FitEnding, Global, Law, Point, Problem};
+use super::problem::{FitEnding, Global, Law, Local, Point, Problem};
 use super::screen::{LinearisedBase, ScreeningResult, screen};
 use super::settled;
 use super::stats::{self, Random};
@@ -603,6 +603,8 @@ pub(super) fn set_step_limit(problem: &mut Problem, fitted: &Point) {
 struct ScreenedHypotheses {
     hypotheses: Vec<Hypothesis>,
     screenings: Vec<ScreeningResult>,
+    /// Where every segment of the model began [pitches]; none where motions have no period.
+    travels: Vec<f64>,
     /// Effects that were left out, and why.
     left_out: Vec<(String, String)>,
 }
@@ -638,8 +640,15 @@ fn screened_again(
         let at = earlier.hypotheses.iter().position(|e| e.identity() == h.identity() && e.values == h.values)?;
         Some(&earlier.screenings[at]).filter(|p| p.idle || !p.columns.is_empty())
     };
-    let mut reused: Vec<Option<ScreeningResult>> =
-        hypotheses.iter().map(|h| known(h).map(|p| base.reused(p, h))).collect();
+    let travels = travels_of(model);
+    let earlier_travels = earlier.map_or(&[][..], |e| &e.travels);
+    let moved: Vec<[f64; 2]> = earlier_travels.iter().zip(&travels).map(|(was, now)| [*was, *now]).collect();
+    let alike = m.period_pitches().map_or(1.0, |p| f64::from(p.alike));
+    let again = |h: &Hypothesis| {
+        let row = h.rows[h.amplitudes().first().copied()?];
+        Some(base.reused(known(h)?, h, (&moved, alike), m.size_range(h.effect, h.target, row)))
+    };
+    let mut reused: Vec<Option<ScreeningResult>> = hypotheses.iter().map(again).collect();
     let mut order: Vec<usize> = (0..reused.len()).filter(|i| reused[*i].as_ref().is_some_and(|p| !p.idle)).collect();
     let gain = |i: &usize| reused[*i].as_ref().map_or(0.0, |p| p.gain);
     order.sort_by(|a, b| gain(b).total_cmp(&gain(a)).then(a.cmp(b)));
@@ -650,7 +659,13 @@ fn screened_again(
         None => screen(&model.problem, base, &model.fit, &hypotheses[i]),
     };
     let screenings = parallel(hypotheses.len(), context.threads, screened);
-    ScreenedHypotheses { hypotheses, screenings, left_out }
+    ScreenedHypotheses { hypotheses, screenings, travels, left_out }
+}
+
+/// Where every segment of a model begins in its period [pitches].
+fn travels_of(model: &FittedModel) -> Vec<f64> {
+    let travel = model.problem.locals.iter().position(|l| *l == Local::Travel);
+    travel.map_or(Vec::new(), |at| model.fit.point.locals.iter().map(|own| own[at]).collect())
 }
 
 /// The model with one more effect of those of `spec`, in every form that justifies a fit.
@@ -703,7 +718,7 @@ fn extend_by_one_effect<'a>(
     trials: &mut Vec<Trial>,
     reasons: &mut Vec<(String, String)>,
 ) -> Vec<FittedModel<'a>> {
-    let ScreenedHypotheses { hypotheses, screenings, left_out } = screened;
+    let ScreenedHypotheses { hypotheses, screenings, travels: _, left_out } = screened;
     for r in left_out {
         if !reasons.contains(&r) {
             reasons.push(r);

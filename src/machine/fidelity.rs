@@ -87,10 +87,10 @@ pub enum RoomForEffect {
 /// What records tell of how exactly a model must be run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RecordsOfSensors {
-    /// Noise of every sensor in SI units of its reading; 0: no record reads it.
+    /// Noise of every sensor in SI units of its reading; 0: no record reads it, or it is not known. Empty: no records are known.
     pub noise: Vec<f64>,
-    /// Duration of the longest record [s]; 0: unknown.
-    pub longest_s: f64,
+    /// Duration of the records at the operating point that has most [s]; 0: unknown.
+    pub at_one_point_s: f64,
 }
 
 /// The questions.

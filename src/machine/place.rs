@@ -2,7 +2,6 @@
 
 use super::{Body, BodyMotion, End, Machine, PlacedEffect, Reads, Slot, Spring, Target};
 use crate::effects::{EFFECTS, Effect, Kind, Parameter, Physics};
-use crate::units::within;
 
 impl Machine {
     /// Keys of an effect's parameters on this target, with their rows.
@@ -45,16 +44,21 @@ impl Machine {
             .iter()
             .zip(values)
             .map(|((key, p), value)| {
-                let own = self.fidelity.range(effect, target).filter(|_| p.kind.is_amplitude());
-                let (least, most) = own.map_or((p.low, p.high), |(least, most)| (least / p.unit, most / p.unit));
-                let (low, high) = (p.low.max(least), p.high.min(most));
+                let (low, high) = self.size_range(effect, target, p);
                 m.slots.push(Slot { path: format!("{path}.{key}"), unit: p.unit, low, high });
-                m.values.push(if own.is_some() { within(*value, low * p.unit, high * p.unit) } else { *value });
+                m.values.push(*value);
                 m.slots.len() - 1
             })
             .collect();
         m.attach_effect(effect, path, target, slots.clone());
         (m, slots)
+    }
+
+    /// Range of a parameter of an effect on this target, in the key's unit: that of its row, or less where the part allows less.
+    pub fn size_range(&self, effect: &Effect, target: Target, row: &Parameter) -> (f64, f64) {
+        let own = self.fidelity.range(effect, target).filter(|_| row.kind.is_amplitude());
+        let (least, most) = own.unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
+        (row.low.max(least / row.unit), row.high.min(most / row.unit))
     }
 
     /// Places an effect whose slots exist; signals pass the effects in the order of the catalogue.

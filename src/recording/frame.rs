@@ -73,7 +73,7 @@ pub struct Header {
     /// Paths in the drive file of the rows of `Rotors`: sprockets first, then arms.
     #[prost(string, repeated, tag = "18")]
     pub coordinates: Vec<String>,
-    /// Paths of the rows of `Sliders`: sliders, check balls by their passages, the ways of bearings, guides on mounts, the modes of blades.
+    /// Paths of the rows of `Sliders`: sliders, check balls by their passages, the ways of bearings, guides and rails on mounts, the modes of blades.
     #[prost(string, repeated, tag = "19")]
     pub sliders: Vec<String>,
     /// Paths of the rows of `Touches`: a part, and what of it touches.
