@@ -455,13 +455,17 @@ impl Drive {
     /// Guides, and what prescribes a speed.
     fn check_guides(&self, mistakes: &mut DriveErrors<'_>) {
         for b in &self.bearings {
-            let name = match b.on {
-                Carried::Guide(k) => &self.guides[k].name,
-                Carried::Rail(k) => &self.rails[k].name,
+            let (kind, name) = match b.on {
+                Carried::Guide(k) => ("guide", &self.guides[k].name),
+                Carried::Rail(k) => ("rail", &self.rails[k].name),
                 Carried::Sprocket(_) | Carried::Shaft(_) => continue,
             };
             if let Some((_, mount)) = self.effects.mounts().find(|(guide, _)| guide == name) {
-                mistakes.add(&mount.path, format!("`{name}` stands on `{}` already", b.path), "keep one of them");
+                mistakes.add(
+                    &mount.path,
+                    format!("{kind} `{name}` stands on `{}` already", b.path),
+                    "keep one of them",
+                );
             }
         }
         let drivers = self.sprockets.iter().filter(|s| matches!(s.outer, OuterSpec::Speed { .. })).count();

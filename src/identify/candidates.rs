@@ -179,15 +179,7 @@ impl Sizes {
                 length_s = length_s.max(t_s.last().copied().unwrap_or(0.0));
             }
         }
-        let mut speed: Vec<f64> = speeds.iter().map(|v| v.abs()).collect();
-        for (c, channel) in data.channels.iter().enumerate() {
-            if let Reads::Angle(b) = m.sensors[channel.sensor].reads
-                && m.bodies[b].slides
-            {
-                let own = data.segments.iter().filter_map(|s| measured_speed(s, c, channel.noise));
-                speed[b] = own.fold(speed[b], f64::max);
-            }
-        }
+        let speed: Vec<f64> = speeds.iter().map(|v| v.abs()).collect();
         // What the declared loads take, as a torque on every shaft.
         let load_nm = |name: &str| m.slot(&format!("loads.constant.{name}.torque_nm")).map(|s| m.values[s]);
         let mut power_w = 0.0;
@@ -204,7 +196,15 @@ impl Sizes {
         });
         let force = force.collect();
         let swinging = |b: usize| if m.bodies[b].slides { SWINGING_M_S } else { SWINGING_RAD_S };
-        let speed = speed.iter().enumerate().map(|(b, v)| if *v > 0.0 { *v } else { swinging(b) }).collect();
+        let mut speed: Vec<f64> =
+            speed.iter().enumerate().map(|(b, v)| if *v > 0.0 { *v } else { swinging(b) }).collect();
+        for (c, channel) in data.channels.iter().enumerate() {
+            let Some(b) = m.slider_of(channel.sensor) else { continue };
+            let gain = m.values[m.sensors[channel.sensor].gain].abs().max(1e-300);
+            let own = data.segments.iter().filter_map(|s| measured_speed(s, c, channel.noise));
+            let fastest = own.fold(0.0, f64::max) / gain;
+            speed[b] = if fastest > 0.0 { fastest } else { speed[b] };
+        }
         let (tension, input) = (Vec::new(), Vec::new());
         Sizes { force, speed, tension, signal, input, sample_s, rate: rate(problem), length_s, orders: Vec::new() }
     }
@@ -309,7 +309,7 @@ fn rate(problem: &Problem) -> f64 {
 /// Root mean square speed of a measured way [m/s], over the shortest time in which it goes so many times the noise; None: it does not.
 fn measured_speed(segment: &RecordSegment, channel: usize, noise: f64) -> Option<f64> {
     let Samples::Times { step_s, .. } = &segment.task.samples else { return None };
-    let way = &segment.measured[channel];
+    let way = &segment.measured[channel][..segment.judge_from];
     let mut lag = 1;
     while lag < way.len() / 2 {
         let steps: Vec<f64> = way.windows(lag + 1).map(|w| w[lag] - w[0]).filter(|d| d.is_finite()).collect();
@@ -331,6 +331,9 @@ const SWINGING_FORCE_N: f64 = 10.0;
 const SWINGING_TORQUE_NM: f64 = 1.0;
 const SWINGING_M_S: f64 = 0.1;
 const SWINGING_RAD_S: f64 = 1.0;
+
+/// A hypothesis whose part leaves less than this share of its starting size is not tried.
+const LEAST_ROOM: f64 = 0.01;
 
 /// Maximum number of hypotheses of one effect at one place.
 const MAX_FORMS: usize = 24;
@@ -428,7 +431,8 @@ pub fn all(
                 let starts: Vec<f64> = match p.kind {
                     Kind::Amplitude => {
                         let (low, high) = m.size_range(effect, target, p);
-                        p.starts.iter().map(|s| within(s * scale, low * p.unit, high * p.unit)).collect()
+                        let all = p.starts.iter().map(|s| (s * scale, within(s * scale, low * p.unit, high * p.unit)));
+                        all.filter(|(start, own)| own.abs() >= LEAST_ROOM * start.abs()).map(|(_, own)| own).collect()
                     }
                     Kind::PerMark => vec![p.starts[0] * scale],
                     // Within the range of the effect, independent of the records.
@@ -440,6 +444,9 @@ pub fn all(
                     Kind::Phase | Kind::Start | Kind::Given => vec![p.default.unwrap_or(0.0) * p.unit],
                 };
                 forms = forms.iter().flat_map(|f| starts.iter().map(|s| [f.as_slice(), &[*s]].concat())).collect();
+            }
+            if forms.is_empty() {
+                leave("its part leaves no room for it");
             }
             if forms.len() > MAX_FORMS {
                 leave(&format!("of {} forms and places the first {MAX_FORMS} are tried", forms.len()));

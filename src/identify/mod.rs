@@ -96,7 +96,7 @@ pub fn identify(
     let own = judge::held_out_segments(data);
     let named = machine.for_records(RecordsOfSensors {
         noise: noise_of_sensors(machine, data),
-        at_one_point_s: longest_at_one_point_s(data),
+        at_one_point_s: longest_at_one_point_s(machine, data),
     });
     let problem = search::declared(measurement, &named, data, context);
     let start = problem.start();
@@ -178,11 +178,23 @@ pub fn identify(
 }
 
 /// Duration of the records at the operating point that has most [s].
-fn longest_at_one_point_s(data: &Data) -> f64 {
-    let of = |set: &Vec<(usize, f64)>| -> f64 {
-        data.set.iter().zip(&data.clocks).filter(|(other, _)| *other == set).map(|(_, clock)| clock.length_s).sum()
+fn longest_at_one_point_s(machine: &Machine, data: &Data) -> f64 {
+    // What a record sets about the drive, in one order; gains of its sensors change no run.
+    let point_of = |record: usize| {
+        let of_drive = |(slot, _): &&(usize, f64)| !machine.slots[*slot].path.starts_with("sensors.");
+        let mut own: Vec<(usize, f64)> = data.set[record].iter().filter(of_drive).copied().collect();
+        own.sort_by_key(|(slot, _)| *slot);
+        own
     };
-    data.set.iter().map(of).fold(0.0, f64::max)
+    let takes_part = |record: &usize| data.segments.iter().any(|s| s.record == *record);
+    let points: Vec<(Vec<(usize, f64)>, f64)> = (0..data.set.len().min(data.clocks.len()))
+        .filter(takes_part)
+        .map(|record| (point_of(record), data.clocks[record].length_s))
+        .collect();
+    let together = |(point, _): &(Vec<(usize, f64)>, f64)| -> f64 {
+        points.iter().filter(|(other, _)| other == point).map(|(_, length_s)| length_s).sum()
+    };
+    points.iter().map(together).fold(0.0, f64::max)
 }
 
 /// Noise of the channel of every sensor, in SI units of its reading; 0: no channel reads it.

@@ -645,7 +645,7 @@ fn screened_again(
     let moved: Vec<[f64; 2]> = earlier_travels.iter().zip(&travels).map(|(was, now)| [*was, *now]).collect();
     let alike = m.period_pitches().map_or(1.0, |p| f64::from(p.alike));
     let again = |h: &Hypothesis| {
-        let row = h.rows[h.amplitudes().first().copied()?];
+        let row = h.amplitudes().first().map(|i| h.rows[*i]).filter(|row| row.off == 0.0)?;
         Some(base.reused(known(h)?, h, (&moved, alike), m.size_range(h.effect, h.target, row)))
     };
     let mut reused: Vec<Option<ScreeningResult>> = hypotheses.iter().map(again).collect();

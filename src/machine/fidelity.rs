@@ -101,6 +101,9 @@ pub trait Fidelity: std::fmt::Debug + Send + Sync {
     /// Whether an effect has this parameter here.
     fn accepts(&self, effect: &Effect, p: &Parameter) -> bool;
 
+    /// The body whose way along its line a sensor measures, as [`super::Reads`] does not say it.
+    fn slider_of(&self, m: &Machine, sensor: usize) -> Option<usize>;
+
     /// Range of an effect's size that the part it acts on allows [SI]; None: that of its row.
     fn range(&self, effect: &Effect, target: Target) -> Option<(f64, f64)>;
 

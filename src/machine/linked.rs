@@ -240,6 +240,12 @@ impl Fidelity for LinkedDrive {
         is_signal(effect) || (p.kind != Kind::Phase && !p.lumped_only)
     }
 
+    fn slider_of(&self, m: &Machine, sensor: usize) -> Option<usize> {
+        let SensorReads::Slider(k) = self.drive.sensors.get(sensor)?.reads else { return None };
+        let name = &self.drive.sliders.get(k)?.name;
+        m.bodies.iter().position(|b| b.slides && b.name == *name)
+    }
+
     fn range(&self, effect: &Effect, target: Target) -> Option<(f64, f64)> {
         let Target::Part(part) = target else { return None };
         let (name, _) = self.parts(effect).into_iter().nth(part)?;

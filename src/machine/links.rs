@@ -8,23 +8,12 @@ use crate::assemble::at_rest;
 use crate::diag::last_name;
 use crate::drive::sensors::SensorReads;
 use crate::drive::{ChainFidelity, Drive, OuterSpec, SpanSpec};
-use crate::effects::{Parameter, named, parameter_at};
+use crate::effects::parameter_at;
 use crate::units::RPM;
 use std::sync::Arc;
 
 /// [kg].
 const GRAM: f64 = 1e-3;
-
-/// Range of a parameter of an effect at this path of the file, in its key's unit: that of its row, or less where oil or a passage allows less.
-fn range_of_oil(drive: &Drive, path: &str, row: &Parameter) -> (f64, f64) {
-    let words: Vec<&str> = path.split('.').collect();
-    let own = match (words.as_slice(), &drive.oil) {
-        (["effects", effect, target, _], Some(oil)) => named(effect).and_then(|e| oil.range_of(e, target)),
-        _ => None,
-    };
-    let (least, most) = own.unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
-    (row.low.max(least / row.unit), row.high.min(most / row.unit))
-}
 
 impl Machine {
     /// The machine of a drive with link bodies.
@@ -37,7 +26,7 @@ impl Machine {
             ..Machine::empty(drive.title.clone())
         };
         for (path, n) in drive.places.numbers() {
-            let (low, high) = parameter_at(path).map_or((n.low, n.high), |p| range_of_oil(drive, path, p));
+            let (low, high) = parameter_at(path).map_or((n.low, n.high), |p| (p.low, p.high));
             m.slots.push(Slot { path: path.to_string(), unit: n.unit, low, high });
             m.values.push(n.value);
         }

@@ -99,6 +99,10 @@ impl Fidelity for Lumped {
         true
     }
 
+    fn slider_of(&self, _m: &Machine, _sensor: usize) -> Option<usize> {
+        None
+    }
+
     fn range(&self, _effect: &Effect, _target: Target) -> Option<(f64, f64)> {
         None
     }

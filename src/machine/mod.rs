@@ -321,6 +321,11 @@ impl Machine {
         }
     }
 
+    /// The body whose way along its line a sensor of a drive with links measures.
+    pub fn slider_of(&self, sensor: usize) -> Option<usize> {
+        self.fidelity.slider_of(self, sensor)
+    }
+
     /// The same for such records.
     pub fn for_records(&self, records: RecordsOfSensors) -> Machine {
         let fidelity = self.fidelity.for_records(records).unwrap_or_else(|| self.fidelity.clone());

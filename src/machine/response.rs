@@ -20,15 +20,17 @@ use crate::sensing::Tracer;
 
 /// Settling time after the drive's own run-in [s], for transients of its start.
 const SETTLE_S: f64 = 0.06;
-/// A tensioner with a damper, or with oil that leaks, creeps to its place. Settling goes on until the means of sensors over one stretch of whole
-/// periods, of this time [s] or more, differ from those over the stretch before by less than this share of the noise, or this multiple of their
-/// standard error, which so many parts of a stretch tell. It ends after the longest time [s] in any case: what then still creeps is part of what
-/// does not repeat. Not varied.
+/// Arms and tensioners with dampers, or with oil that leaks, creep to their places. Settling goes on over stretches of whole periods, of this time [s]
+/// or more, each cut into so many parts, whose means are held against those of the stretch before. It ends when the mean of these differences is
+/// within this multiple of its standard error, or when what an exponential would still creep is below this share of the noise. It ends after the
+/// longest time [s] in any case: what then still creeps is part of what does not repeat. Not varied.
 const CREEP_STRETCH_S: f64 = 0.1;
-const CREEP_SHARE: f64 = 0.1;
-const SURE_OF_CREEP: f64 = 2.0;
 const CREEP_PARTS: usize = 4;
+const SURE_OF_CREEP: f64 = 2.0;
+const CREEP_SHARE: f64 = 0.1;
 const LONGEST_CREEP_S: f64 = 2.0;
+/// Largest ratio of two successive differences that is taken for that of an exponential.
+const SLOWEST_CREEP: f64 = 0.95;
 /// Shortest and longest duration that is folded [s]. So many times the records at one operating point are enough: the mean of what does not repeat is
 /// then known better than in them. Not varied.
 const SHORTEST_S: f64 = 0.3;
@@ -142,71 +144,80 @@ fn with_long_period(drive: &Drive) -> Option<WithoutPeriod> {
     (period_s > MAX_PERIOD_S).then_some(WithoutPeriod { path: "sprockets".to_string(), title, help })
 }
 
-/// Mean of a sensor over a stretch, and the standard error that its parts tell.
-#[derive(Clone, Copy)]
-struct StretchMean {
-    mean: f64,
-    error: f64,
+/// Means of a sensor over the parts of a stretch.
+type PartMeans = [f64; CREEP_PARTS];
+
+/// Mean difference of a stretch from that before, and its standard error. What repeats itself cancels part by part.
+fn crept(before: &PartMeans, now: &PartMeans) -> (f64, f64) {
+    let n = CREEP_PARTS as f64;
+    let differences: Vec<f64> = now.iter().zip(before).map(|(now, before)| now - before).collect();
+    let mean = differences.iter().sum::<f64>() / n;
+    let squares: f64 = differences.iter().map(|d| (d - mean) * (d - mean)).sum();
+    (mean, libm::sqrt(squares / (n * (n - 1.0))))
 }
 
-impl StretchMean {
-    /// `parts`: number of readings of each.
-    fn of(readings: &[f64], parts: &[usize]) -> StretchMean {
-        let mut rest = readings;
-        let means: Vec<f64> = parts
-            .iter()
-            .map(|n| {
-                let (own, after) = rest.split_at((*n).min(rest.len()));
-                rest = after;
-                own.iter().sum::<f64>() / own.len().max(1) as f64
-            })
-            .collect();
-        let n = means.len().max(2) as f64;
-        let mean = means.iter().sum::<f64>() / n;
-        let squares: f64 = means.iter().map(|m| (m - mean) * (m - mean)).sum();
-        StretchMean { mean, error: libm::sqrt(squares / (n * (n - 1.0))) }
-    }
+/// Where folding begins.
+struct FoldStart {
+    /// From the next reading on [s].
+    start_s: f64,
+    /// Up to the next reading, since settling on creep began [s].
+    elapsed_s: f64,
 }
 
-/// Runs on until the means of sensors no longer drift: those that records read; where their noise is not known, all; angles, which turn on, say
-/// nothing. Where none is left, or two stretches take too long, it runs for the longest time. Time from the next reading but one, or a little more,
-/// to the end of a whole number of periods after the start [s]: there folding must begin, so that runs which settle in other times are in phase.
-fn creep_to_rest(tracer: &mut Tracer, drive: &Drive, period_s: f64, noise: &[f64]) -> Result<f64, StepError> {
+/// Runs on until sensors no longer creep: those that records read; where their noise is not known, all; angles, which turn on, say nothing. Where
+/// none is left, or two stretches take too long, it runs for the longest time. Folding begins at the end of a whole number of periods, one or two
+/// readings after the next one, so that runs which settle in other times are in phase.
+fn creep_to_rest(tracer: &mut Tracer, drive: &Drive, period_s: f64, noise: &[f64]) -> Result<FoldStart, StepError> {
     let step_s = tracer.step_s();
-    let per_part = libm::ceil(CREEP_STRETCH_S / CREEP_PARTS as f64 / period_s).max(1.0) as usize;
-    let per_stretch = CREEP_PARTS * per_part;
+    let per_stretch = libm::ceil(CREEP_STRETCH_S / period_s).max(1.0) as usize;
     let longest = libm::ceil(LONGEST_CREEP_S / period_s) as usize;
     let noise_of = |s: usize| noise.get(s).copied().unwrap_or(0.0);
     let still: Vec<usize> =
         (0..drive.sensors.len()).filter(|s| !matches!(drive.sensors[*s].reads, SensorReads::Angle(_))).collect();
     let read: Vec<usize> = still.iter().copied().filter(|s| noise_of(*s) > 0.0).collect();
     let watched = if read.is_empty() { still } else { read };
-    // Readings since the start up to the end of a period, but for one, so that one stands before the place where folding begins.
-    let until = |periods: usize| (libm::floor(periods as f64 * period_s / step_s) as usize).saturating_sub(1);
-    let mut before: Option<Vec<StretchMean>> = None;
-    let mut done = 0;
-    while !watched.is_empty() && done + per_stretch <= longest {
+    // Readings since the start, but for one, so that one stands before the place where folding begins.
+    let until = |periods: f64| (libm::floor(periods * period_s / step_s) as usize).saturating_sub(1);
+    let fold_start = |done: usize| {
+        let elapsed_s = until(done as f64) as f64 * step_s;
+        FoldStart { start_s: done as f64 * period_s - elapsed_s, elapsed_s }
+    };
+    let mut before: Option<Vec<PartMeans>> = None;
+    let mut last: Vec<Option<f64>> = vec![None; watched.len()];
+    let (mut done, mut can_compare) = (0, !watched.is_empty() && 2 * per_stretch <= longest);
+    while can_compare {
+        let start = until(done as f64);
+        let end_of =
+            |part: usize| until((done as f64) + per_stretch as f64 * (part as f64 / CREEP_PARTS as f64)) - start;
         tracer.clear_readings();
-        tracer.read_on(until(done + per_stretch) - until(done))?;
-        let ends: Vec<usize> = (0..=CREEP_PARTS).map(|part| until(done + part * per_part)).collect();
-        let parts: Vec<usize> = ends.windows(2).map(|w| w[1] - w[0]).collect();
-        let now: Vec<StretchMean> = watched.iter().map(|s| StretchMean::of(tracer.readings(*s), &parts)).collect();
-        done += per_stretch;
-        let drifts = |before: &[StretchMean]| {
-            now.iter().zip(before).zip(&watched).any(|((now, before), s)| {
-                let doubt = SURE_OF_CREEP * libm::hypot(now.error, before.error);
-                (now.mean - before.mean).abs() > doubt.max(CREEP_SHARE * noise_of(*s))
+        tracer.read_on(end_of(CREEP_PARTS))?;
+        let means = |s: &usize| -> PartMeans {
+            std::array::from_fn(|part| {
+                let own = &tracer.readings(*s)[end_of(part)..end_of(part + 1)];
+                own.iter().sum::<f64>() / own.len().max(1) as f64
             })
         };
-        if before.as_deref().is_some_and(|before| !drifts(before)) {
-            return Ok(done as f64 * period_s - until(done) as f64 * step_s);
+        let now: Vec<PartMeans> = watched.iter().map(means).collect();
+        done += per_stretch;
+        if let Some(before) = &before {
+            let mut is_still = true;
+            for (i, s) in watched.iter().enumerate() {
+                let (way, error) = crept(&before[i], &now[i]);
+                let ratio = last[i].map_or(SLOWEST_CREEP, |last| (way / last).abs().min(SLOWEST_CREEP));
+                let to_come = way.abs() * (ratio / (1.0 - ratio)).max(1.0);
+                is_still &= !(way.abs() > SURE_OF_CREEP * error && to_come > CREEP_SHARE * noise_of(*s));
+                last[i] = Some(way).filter(|way| *way != 0.0);
+            }
+            if is_still {
+                return Ok(fold_start(done));
+            }
         }
         before = Some(now);
+        can_compare = done + per_stretch <= longest;
     }
     tracer.clear_readings();
-    tracer.read_on(until(longest).saturating_sub(until(done)))?;
-    let done = longest.max(done);
-    Ok(done as f64 * period_s - until(done) as f64 * step_s)
+    tracer.read_on(until(longest.max(done) as f64) - until(done as f64))?;
+    Ok(fold_start(longest.max(done)))
 }
 
 /// Longest period that is run [s].
@@ -248,8 +259,8 @@ impl PeriodicResponse {
         let bin_s = BIN_S.max(period_s / MAX_BINS as f64).min(pair_s / MIN_BINS as f64);
         let mut tracer = Tracer::new(drive, bin_s).map_err(ResponseError::Assembly)?;
         tracer.run_for(SETTLE_S).map_err(ResponseError::Step)?;
-        let start_s = match drive.sliders.is_empty() {
-            true => 0.0,
+        let from = match drive.sliders.is_empty() && drive.arms.is_empty() {
+            true => FoldStart { start_s: 0.0, elapsed_s: 0.0 },
             false => creep_to_rest(&mut tracer, drive, period_s, noise).map_err(ResponseError::Step)?,
         };
         tracer.clear_readings();
@@ -276,9 +287,9 @@ impl PeriodicResponse {
         let mut wanted = (libm::ceil(SHORTEST_S / period_s) as usize).max(2);
         loop {
             // Two readings beyond the end, for the cubic interpolation.
-            let covered_s = start_s + wanted as f64 * period_s + 3.0 * tracer.step_s();
+            let covered_s = from.start_s + wanted as f64 * period_s + 3.0 * tracer.step_s();
             tracer.run_until(covered_s).map_err(ResponseError::Step)?;
-            fold.add_periods(&tracer, &turning, (start_s, period_s), wanted);
+            fold.add_periods(&tracer, &turning, (&from, period_s), wanted);
             let sure = (0..drive.sensors.len()).all(|s| {
                 let noise = noise.get(s).copied().unwrap_or(0.0);
                 noise <= 0.0 || fold.unrepeated(s) / libm::sqrt(wanted as f64) < MEAN_ERROR_SHARE * noise
@@ -349,15 +360,21 @@ impl PeriodFold {
         PeriodFold { periods: 0, sums: vec![vec![0.0; bins]; sensors], squares: vec![vec![0.0; bins]; sensors] }
     }
 
-    /// Adds the new periods up to `until`, of which the first begins at `start_s` of the readings.
-    fn add_periods(&mut self, tracer: &Tracer, turning: &[Option<f64>], (start_s, period_s): (f64, f64), until: usize) {
+    /// Adds the new periods up to `until`.
+    fn add_periods(
+        &mut self,
+        tracer: &Tracer,
+        turning: &[Option<f64>],
+        (from, period_s): (&FoldStart, f64),
+        until: usize,
+    ) {
         for period in self.periods..until {
             for (s, (sums, squares)) in self.sums.iter_mut().zip(&mut self.squares).enumerate() {
                 let bins = sums.len();
                 let series = tracer.readings(s);
                 for (b, (sum, square)) in sums.iter_mut().zip(squares.iter_mut()).enumerate() {
-                    let t_s = start_s + (period as f64 + b as f64 / bins as f64) * period_s;
-                    let turned = turning[s].map_or(0.0, |w| w * t_s);
+                    let t_s = from.start_s + (period as f64 + b as f64 / bins as f64) * period_s;
+                    let turned = turning[s].map_or(0.0, |w| w * (from.elapsed_s + t_s));
                     let value = between(series, t_s / tracer.step_s()) - turned;
                     *sum += value;
                     *square += value * value;
@@ -383,7 +400,7 @@ impl PeriodFold {
 
 #[cfg(test)]
 mod tests {
-    use super::{SensorReads, Tracer, creep_to_rest};
+    use super::{PeriodicResponse, RecordsOfSensors, SensorReads, Tracer, creep_to_rest};
     use crate::drive::{BUNDLED, Drive};
 
     #[test]
@@ -397,24 +414,33 @@ mod tests {
         let speed = drive.nominal_speed_rad_s(drive.driver());
         // One turn, which is no whole number of readings.
         let period_s = 20.0 * drive.chain.pitch_m() / drive.chain_speed_m_s().abs();
-        let mut windows = Vec::new();
+        let mut stretches = Vec::new();
         let encoder = drive.sensors.iter().position(|s| matches!(s.reads, SensorReads::Angle(_))).unwrap_or(0);
         for noise in [1e9, 1e-9].map(|noise| vec![noise; drive.sensors.len()]) {
             let mut tracer = Tracer::new(&drive, 7.3e-5).unwrap_or_else(|e| panic!("{e}"));
             tracer.run_for(0.01).unwrap_or_else(|e| panic!("{e}"));
             tracer.clear_readings();
             let angle = |tracer: &Tracer| tracer.readings(encoder).last().copied().unwrap_or(f64::NAN);
-            // The first reading after the start is that from which windows count.
+            // The first reading after the start is that from which periods count.
             let mut twin = Tracer::new(&drive, 7.3e-5).unwrap_or_else(|e| panic!("{e}"));
             twin.run_for(0.01).and_then(|()| twin.read_on(1)).unwrap_or_else(|e| panic!("{e}"));
-            let offset_s = creep_to_rest(&mut tracer, &drive, period_s, &noise).unwrap_or_else(|e| panic!("{e}"));
+            let from = creep_to_rest(&mut tracer, &drive, period_s, &noise).unwrap_or_else(|e| panic!("{e}"));
             tracer.read_on(1).unwrap_or_else(|e| panic!("{e}"));
-            let periods = ((angle(&tracer) - angle(&twin)) / speed + offset_s) / period_s;
+            let periods = ((angle(&tracer) - angle(&twin)) / speed + from.start_s) / period_s;
             // The speed swings by 5 %, for two readings at most.
             assert!((periods - periods.round()).abs() < 0.1 * tracer.step_s() / period_s, "{periods} periods");
-            assert!((1.0..2.0).contains(&(offset_s / tracer.step_s())), "{offset_s}");
-            windows.push(periods.round());
+            assert!((1.0..2.0).contains(&(from.start_s / tracer.step_s())), "{}", from.start_s);
+            assert!((from.elapsed_s + from.start_s - periods.round() * period_s).abs() < 1e-9);
+            stretches.push(periods.round());
         }
-        assert!(windows[1] > windows[0], "{windows:?}");
+        // An angle that is folded does not hang on it either.
+        let encoder_alone = |noise: f64| {
+            let noise = (0..drive.sensors.len()).map(|s| if s == encoder { 1e9 } else { noise }).collect();
+            let records = RecordsOfSensors { noise, at_one_point_s: 0.1 };
+            PeriodicResponse::of(&drive, 20, 20, &records).unwrap_or_else(|e| panic!("{e}"))
+        };
+        let [soon, late] = [1e9, 1e-9].map(|noise| encoder_alone(noise).at(encoder, 0.0));
+        assert!((soon - late).abs() < 1e-6, "{soon} {late}");
+        assert!(stretches[1] > stretches[0], "{stretches:?}");
     }
 }
