@@ -22,12 +22,13 @@ use crate::sensing::Tracer;
 const SETTLE_S: f64 = 0.06;
 /// Arms and tensioners with dampers, or with oil that leaks, creep to their places. Settling goes on over stretches of whole periods, of this time [s]
 /// or more, each cut into so many parts, whose means are held against those of the stretch before. It ends when the mean of these differences is
-/// within this multiple of its standard error, or when what an exponential would still creep is below this share of the noise. It ends after the
-/// longest time [s] in any case: what then still creeps is part of what does not repeat. Not varied.
+/// within this multiple of its standard error, or when what an exponential would still creep is below this share of the noise, so many times in a
+/// row: once left the plunger of `bmw318` 1.3 noises from its place. It ends after the longest time [s] in any case: what then still creeps is part of what does not repeat. Not varied.
 const CREEP_STRETCH_S: f64 = 0.1;
 const CREEP_PARTS: usize = 4;
 const SURE_OF_CREEP: f64 = 2.0;
 const CREEP_SHARE: f64 = 0.1;
+const STILL_STRETCHES: usize = 2;
 const LONGEST_CREEP_S: f64 = 2.0;
 /// Largest ratio of two successive differences that is taken for that of an exponential.
 const SLOWEST_CREEP: f64 = 0.95;
@@ -165,17 +166,17 @@ struct FoldStart {
 }
 
 /// Runs on until sensors no longer creep: those that records read; where their noise is not known, all; angles, which turn on, say nothing. Where
-/// none is left, or two stretches take too long, it runs for the longest time. Folding begins at the end of a whole number of periods, one or two
+/// none is left, or the stretches take too long, it runs for the longest time. Folding begins at the end of a whole number of periods, one or two
 /// readings after the next one, so that runs which settle in other times are in phase.
 fn creep_to_rest(tracer: &mut Tracer, drive: &Drive, period_s: f64, noise: &[f64]) -> Result<FoldStart, StepError> {
     let step_s = tracer.step_s();
     let per_stretch = libm::ceil(CREEP_STRETCH_S / period_s).max(1.0) as usize;
     let longest = libm::ceil(LONGEST_CREEP_S / period_s) as usize;
     let noise_of = |s: usize| noise.get(s).copied().unwrap_or(0.0);
-    let still: Vec<usize> =
+    let steady: Vec<usize> =
         (0..drive.sensors.len()).filter(|s| !matches!(drive.sensors[*s].reads, SensorReads::Angle(_))).collect();
-    let read: Vec<usize> = still.iter().copied().filter(|s| noise_of(*s) > 0.0).collect();
-    let watched = if read.is_empty() { still } else { read };
+    let read: Vec<usize> = steady.iter().copied().filter(|s| noise_of(*s) > 0.0).collect();
+    let watched = if read.is_empty() { steady } else { read };
     // Readings since the start, but for one, so that one stands before the place where folding begins.
     let until = |periods: f64| (libm::floor(periods * period_s / step_s) as usize).saturating_sub(1);
     let fold_start = |done: usize| {
@@ -184,7 +185,8 @@ fn creep_to_rest(tracer: &mut Tracer, drive: &Drive, period_s: f64, noise: &[f64
     };
     let mut before: Option<Vec<PartMeans>> = None;
     let mut last: Vec<Option<f64>> = vec![None; watched.len()];
-    let (mut done, mut can_compare) = (0, !watched.is_empty() && 2 * per_stretch <= longest);
+    let (mut done, mut still) = (0, 0);
+    let mut can_compare = !watched.is_empty() && (STILL_STRETCHES + 1) * per_stretch <= longest;
     while can_compare {
         let start = until(done as f64);
         let end_of =
@@ -208,7 +210,8 @@ fn creep_to_rest(tracer: &mut Tracer, drive: &Drive, period_s: f64, noise: &[f64
                 is_still &= !(way.abs() > SURE_OF_CREEP * error && to_come > CREEP_SHARE * noise_of(*s));
                 last[i] = Some(way).filter(|way| *way != 0.0);
             }
-            if is_still {
+            still = if is_still { still + 1 } else { 0 };
+            if still == STILL_STRETCHES {
                 return Ok(fold_start(done));
             }
         }
