@@ -75,7 +75,7 @@ const MAX_ABOVE_FLOOR_FAR: f64 = 0.4;
 const MAX_ABOVE_FLOOR_NEAR: f64 = 0.5;
 const MIN_EXCESS: f64 = 0.01;
 // Measured with twice and half of each of the following on the 16 cases of tests/blind_share.rs: `MAX_ABOVE_FLOOR_NEAR`, `MIN_EXCESS`, `SHAM_GAINS` and
-// `SURE` each name a case more or less, never a false one; `SHAM_REMAINDER` and `RIVAL_GAIN` change no name.
+// `SURE` each name a case more or less, never a false one; `SHAM_REMAINDER` changes no name.
 /// An effect must explain so many times as much as a sham, or leave at most this fraction of what the sham leaves.
 const SHAM_GAINS: f64 = 3.0;
 const SHAM_REMAINDER: f64 = 0.8;

@@ -23,7 +23,8 @@ const SETTLE_S: f64 = 0.06;
 /// Arms and tensioners with dampers, or with oil that leaks, creep to their places. Settling goes on over stretches of whole periods, of this time [s]
 /// or more, each cut into so many parts, whose means are held against those of the stretch before. It ends when the mean of these differences is
 /// within this multiple of its standard error, or when what an exponential would still creep is below this share of the noise, so many times in a
-/// row: once left the plunger of `bmw318` 1.3 noises from its place. It ends after the longest time [s] in any case: what then still creeps is part of what does not repeat. Not varied.
+/// row: once left the plunger of `bmw318` 1.3 noises from its place. It ends after the longest time [s] in
+/// any case: what then still creeps is part of what does not repeat. Not varied.
 const CREEP_STRETCH_S: f64 = 0.1;
 const CREEP_PARTS: usize = 4;
 const SURE_OF_CREEP: f64 = 2.0;
