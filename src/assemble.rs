@@ -19,10 +19,11 @@ pub use shared::SharedParts;
 pub use start::resting_state;
 use start::{moving_state, wrap_angles};
 
-use crate::drive::{ChainFidelity, Drive, Effects, PreloadSpec};
+use crate::drive::{ChainFidelity, Drive, Effects, PreloadSpec, Scheme};
 use crate::geometry::route::Route;
 use crate::geometry::{Vec2, cross, rotated, unit};
-use crate::integrate::explicit::{self, RunIn, Scratch};
+use crate::integrate::explicit::{self, RunIn, Scratch, WINDOW_MARGIN_M};
+use crate::integrate::scheme;
 use crate::integrate::step_bound::{StepBound, default_step, step_bound};
 use crate::integrate::{Isa, StepError};
 use crate::model::{ArmModel, Model, PlacedDrive, Profiles, SpanTerms, close, place};
@@ -61,6 +62,8 @@ pub struct Compiled {
     /// The compiled drive.
     pub model: Model,
     bound: StepBound,
+    /// Step with which the drive is run in [s].
+    run_in_step_s: f64,
     /// Mean tension of every chain at rest over the phases of its driver [N].
     tensions_n: Vec<Vec<f64>>,
 }
@@ -80,9 +83,13 @@ fn compile_with(drive: &Drive, shared: Option<&SharedParts>) -> Result<Compiled,
     let mut model = if models.len() == 1 { models.remove(0) } else { Model::join(drive, models) };
     add_mechanisms(&mut model, drive);
     let bound = step_bound(&model);
-    model.step_s = choose_step(drive, &bound)?;
+    let step_s = choose_step(drive, &model, &bound)?;
+    // A drive is run in by the leapfrog, whatever scheme it is recorded with.
+    let run_in_step_s = if model.scheme == Scheme::Leapfrog { step_s } else { default_step(&bound) };
+    model.step_s = run_in_step_s;
     turn_cams(&mut model, drive)?;
-    Ok(Compiled { model, bound, tensions_n })
+    model.step_s = step_s;
+    Ok(Compiled { model, bound, run_in_step_s, tensions_n })
 }
 
 /// One chain of a drive, tightened, and its mean tension at rest over the phases of its driver [N].
@@ -184,7 +191,7 @@ pub fn compile_in_place(drive: &Drive, other: &Model) -> Result<Model, AssemblyE
     }
     let mut model = if models.len() == 1 { models.remove(0) } else { Model::join(drive, models) };
     add_mechanisms(&mut model, drive);
-    model.step_s = choose_step(drive, &step_bound(&model))?;
+    model.step_s = choose_step(drive, &model, &step_bound(&model))?;
     // Cams stay where they are on their shafts.
     model.take_cams(other);
     Ok(model)
@@ -294,7 +301,7 @@ pub fn assemble_sharing(drive: &Drive, shared: &SharedParts) -> Result<Assembly,
 }
 
 fn assemble_from(drive: &Drive, isa: Isa, shared: Option<&SharedParts>) -> Result<Assembly, AssemblyError> {
-    let Compiled { model, bound, tensions_n } = compile_with(drive, shared)?;
+    let Compiled { model, bound, run_in_step_s, tensions_n } = compile_with(drive, shared)?;
     let rest = rest_configuration(&model, drive, 0.0)?;
     let unloaded = solve(&model, rest, 0.0, "tightening the loop")?;
     check_rails(drive, &model, &unloaded)?;
@@ -302,7 +309,15 @@ fn assemble_from(drive: &Drive, isa: Isa, shared: Option<&SharedParts>) -> Resul
     let loaded = float_journals(drive, &model, loaded)?;
     check_rails(drive, &model, &loaded)?;
     let mut state = moving_state(&model, &loaded)?;
-    let (stillness, tension_drift) = run_in(drive, &model, &mut state, isa).map_err(AssemblyError::RunIn)?;
+    let (stillness, tension_drift) = if model.scheme == Scheme::Leapfrog {
+        run_in(drive, &model, &mut state, isa).map_err(AssemblyError::RunIn)?
+    } else {
+        let leapfrog = model.stepped_by(Scheme::Leapfrog, run_in_step_s);
+        let steadiness = run_in(drive, &leapfrog, &mut state, isa).map_err(AssemblyError::RunIn)?;
+        let mut scratch = Scratch::with_isa(&leapfrog, isa);
+        scheme::begin(&leapfrog, &model, &mut state, &mut scratch).map_err(AssemblyError::RunIn)?;
+        steadiness
+    };
     let mean = |t: &[f64]| t.iter().sum::<f64>() / t.len() as f64;
     // Under load over a tooth period too, as the preload.
     let mut loaded_means = vec![mean(&loaded.tensions_n)];
@@ -440,19 +455,39 @@ const DEEPEST_AT_REST_M: f64 = 0.3e-3;
 /// A chain whose largest tension under load is less is not tightened [N].
 const MIN_TENSION_N: f64 = 0.1;
 
-/// The step asked for, or the bound's; refused above the bound with the number that would do.
-fn choose_step(drive: &Drive, bound: &StepBound) -> Result<f64, AssemblyError> {
+/// The step asked for, or the bound's. The leapfrog is refused one above the bound, with the number that would do; other schemes one in
+/// which the chain moves further than contacts are looked for, and what they cannot solve.
+fn choose_step(drive: &Drive, model: &Model, bound: &StepBound) -> Result<f64, AssemblyError> {
     let would_do = default_step(bound);
-    match drive.run.step_s {
-        None => Ok(would_do),
-        Some(step) if step <= bound.step_s => Ok(step),
-        Some(step) => {
+    let refused = |path: &str, title: String, help: String| {
+        Err(AssemblyError::Input(drive.places.report(vec![drive.places.error(path, title, Some(help))])))
+    };
+    if let Scheme::Hht { .. } = model.scheme
+        && model.chain.has_rollers()
+    {
+        let title = "`run.scheme` = \"hht\" does not solve rollers that are bodies of their own".to_string();
+        return refused("run.scheme", title, "take `chain.roller.body` = \"link\", or another scheme".to_string());
+    }
+    let fastest_m_s = model.chain_speeds_m_s.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
+    let farthest_s = FARTHEST_STEP_M / fastest_m_s.max(1e-3);
+    match (drive.run.step_s, model.scheme) {
+        (None, _) => Ok(would_do),
+        (Some(step), Scheme::Leapfrog) if step <= bound.step_s => Ok(step),
+        (Some(step), Scheme::Leapfrog) => {
             let title = format!("`run.step_us` = {} is too large for this drive", step * 1e6);
             let help = format!("{:.3} us would do; the bound comes from the {}", would_do * 1e6, bound.cause);
-            Err(AssemblyError::Input(drive.places.report(vec![drive.places.error("run.step_us", title, Some(help))])))
+            refused("run.step_us", title, help)
+        }
+        (Some(step), _) if step <= farthest_s => Ok(step),
+        (Some(step), _) => {
+            let title = format!("`run.step_us` = {}: the chain moves too far in a step", step * 1e6);
+            refused("run.step_us", title, format!("at most {:.1} us at this speed", farthest_s * 1e6))
         }
     }
 }
+
+/// Way of a chain in a step of a scheme that bears any [m]: contacts are looked for about where it begins.
+const FARTHEST_STEP_M: f64 = 0.2 * WINDOW_MARGIN_M;
 
 /// Displacement of the tightening sprocket at which the mean tension is the preload, and the tensions over the phases.
 fn tighten(drive: &Drive, placed: &PlacedDrive) -> Result<(f64, Vec<f64>), AssemblyError> {

@@ -630,9 +630,29 @@ pub struct PitchError {
     pub length_m: f64,
 }
 
+/// How steps follow one another, see [`crate::integrate::scheme`].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Scheme {
+    /// Explicit; contacts as means over a step.
+    #[default]
+    Leapfrog,
+    /// Implicit, of Hilber, Hughes and Taylor.
+    Hht {
+        /// In -1/3 .. 0: damping of what a step does not resolve.
+        alpha: f64,
+    },
+    /// Explicit, with steps of its own.
+    PredictorCorrector {
+        /// Largest error of a speed in one of them [m/s].
+        tolerance_m_s: f64,
+    },
+}
+
 /// How it is run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RunSpec {
+    /// How steps follow one another.
+    pub scheme: Scheme,
     /// Step [s]; None takes the bound's.
     pub step_s: Option<f64>,
     /// With extra damping, before the recording [s].

@@ -29,8 +29,8 @@ pub use profiles::Profiles;
 pub use spans::SpanTerms;
 
 use crate::diag::Report;
-use crate::drive::Drive;
 use crate::drive::sensors::SensorReads;
+use crate::drive::{Drive, Scheme};
 use crate::elements::body_frame::BodyFrame;
 use crate::elements::contact_law::PairRadii;
 use crate::elements::coordinate::Coordinate;
@@ -235,6 +235,8 @@ pub struct ArmModel {
 pub struct Model {
     /// Integration step [s].
     pub step_s: f64,
+    /// How steps follow one another.
+    pub scheme: Scheme,
     /// Columns of the links of all chains.
     pub chain: ChainModel,
     /// What sprockets and arms turn by.
@@ -371,6 +373,7 @@ impl Model {
         }
         Ok(Model {
             step_s: f64::NAN,
+            scheme: drive.run.scheme,
             chain,
             coordinates,
             sprockets,
@@ -402,10 +405,16 @@ impl Model {
         })
     }
 
+    /// The same drive, stepped by another scheme.
+    pub fn stepped_by(&self, scheme: Scheme, step_s: f64) -> Model {
+        Model { scheme, step_s, ..self.clone() }
+    }
+
     /// Chain without sprockets and guides, for rings and spans on their own.
     pub fn chain_only(n_links: usize, rows: Vec<LinkShape>, joint: LinkJoint, step_s: f64) -> Model {
         Model {
             step_s,
+            scheme: Scheme::Leapfrog,
             chain: ChainModel::new(n_links, &rows, joint, LANE_WIDTH),
             coordinates: Vec::new(),
             sprockets: Vec::new(),

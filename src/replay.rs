@@ -4,7 +4,8 @@
 use crate::assemble::{AssemblyError, assemble, compile};
 use crate::drive::Drive;
 use crate::impacts::{ImpactWatch, WATCHED_PERIODS};
-use crate::integrate::explicit::{self, Scratch};
+use crate::integrate::explicit::Scratch;
+use crate::integrate::scheme;
 use crate::model::Model;
 use crate::recording::capture::{self, Camera};
 use crate::recording::frame::{BodyInfo, Energy, Frame, Header, Keyframe, Parent};
@@ -90,10 +91,10 @@ impl Replay {
             ImpactWatch::for_continued_run(&self.model, keyframe.step)
         };
         while state.step < step {
-            explicit::evaluate(&self.model, &state, &mut scratch)?;
+            scheme::evaluate(&self.model, &state, &mut scratch)?;
             impacts.observe(&self.model, &state, &scratch);
             look(&state, &scratch);
-            explicit::advance(&self.model, &mut state, &mut scratch);
+            scheme::advance(&self.model, &mut state, &mut scratch);
         }
         // Earlier impacts are already in the recording.
         impacts.take_touched();
@@ -115,7 +116,7 @@ impl Replay {
     /// The frame of a step, simulated again from the keyframe before.
     pub fn frame_of_step(&mut self, step: u64) -> anyhow::Result<Frame> {
         let mut visit = self.visit(step, |_, _| ())?;
-        explicit::evaluate(&self.model, &visit.state, &mut visit.scratch)?;
+        scheme::evaluate(&self.model, &visit.state, &mut visit.scratch)?;
         Ok(self.camera().take(&self.model, &visit.state, &visit.scratch))
     }
 
@@ -250,12 +251,12 @@ pub fn verify(
                         return Ok(Flow::Enough);
                     }
                     if !std::mem::take(&mut evaluated) {
-                        explicit::evaluate(model, &state, &mut scratch)?;
+                        scheme::evaluate(model, &state, &mut scratch)?;
                     }
-                    explicit::advance(model, &mut state, &mut scratch);
+                    scheme::advance(model, &mut state, &mut scratch);
                 }
                 if !evaluated {
-                    explicit::evaluate(model, &state, &mut scratch)?;
+                    scheme::evaluate(model, &state, &mut scratch)?;
                     evaluated = true;
                 }
                 let ours = camera.take(model, &state, &scratch);

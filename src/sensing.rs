@@ -4,8 +4,8 @@ use crate::assemble::{Assembly, AssemblyError, assemble};
 use crate::drive::Drive;
 use crate::drive::sensors::SensorReads;
 use crate::elements::span::ChainSpan;
-use crate::integrate::StepError;
 use crate::integrate::explicit::{self, ContactGroup, Scratch};
+use crate::integrate::{StepError, scheme};
 use crate::model::Model;
 use crate::pairs::part_part::TouchShape;
 use crate::state::State;
@@ -147,13 +147,13 @@ impl Tracer {
     pub fn read_on(&mut self, readings: usize) -> Result<(), StepError> {
         for _ in 0..readings {
             for k in 0..self.stride {
-                explicit::evaluate(&self.model, &self.state, &mut self.scratch)?;
+                scheme::evaluate(&self.model, &self.state, &mut self.scratch)?;
                 if k == 0 {
                     for (series, sensor) in self.readings.iter_mut().zip(&self.drive.sensors) {
                         series.push(read(&self.model, &self.state, &self.scratch, sensor.reads));
                     }
                 }
-                explicit::advance(&self.model, &mut self.state, &mut self.scratch);
+                scheme::advance(&self.model, &mut self.state, &mut self.scratch);
             }
         }
         Ok(())

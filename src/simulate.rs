@@ -12,8 +12,8 @@ pub use simulation::Simulation;
 use crate::breakpoint::scratch::BreakWatch;
 use crate::breakpoint::{Hit, Subject};
 use crate::impacts::{ImpactWatch, WATCHED_PERIODS};
-use crate::integrate::StepError;
-use crate::integrate::explicit::{self, RequiredData, Scratch};
+use crate::integrate::explicit::{RequiredData, Scratch};
+use crate::integrate::{StepError, scheme};
 use crate::model::Model;
 use crate::recording::Sink;
 use crate::recording::capture::Camera;
@@ -224,7 +224,7 @@ pub fn run_job(
         let on_grid = state.step.is_multiple_of(every) || state.step.is_multiple_of(span.steps_per_frame);
         let mut due = on_grid || state.step == first;
         let interrupted = stop.load(Ordering::Relaxed);
-        if let Err(e) = explicit::evaluate(model, state, scratch) {
+        if let Err(e) = scheme::evaluate(model, state, scratch) {
             break Ending::Broke(e);
         }
         if wants_impacts {
@@ -274,7 +274,7 @@ pub fn run_job(
                 recorder.hold_steps,
             );
         }
-        explicit::advance(model, state, scratch);
+        scheme::advance(model, state, scratch);
     };
     let open = impacts.finish();
     for watch in breaks.iter_mut().flat_map(|b| &mut b.watches) {
@@ -443,7 +443,7 @@ impl Recorder<'_, '_> {
         self.held
             .retain(|(step, item)| !(in_window(*step) && matches!(item, SinkItem::Frame(_) | SinkItem::Keyframe(_))));
         while state.step < until {
-            explicit::evaluate(model, &state, &mut scratch)?;
+            scheme::evaluate(model, &state, &mut scratch)?;
             let on_grid = state.step.is_multiple_of(dense) || state.step.is_multiple_of(sparse);
             if in_window(state.step) && (state.step == from || on_grid) {
                 let frame = self.camera.take(model, &state, &scratch);
@@ -453,7 +453,7 @@ impl Recorder<'_, '_> {
                     self.held.push_back((state.step, SinkItem::Keyframe(Box::new(state.keyframe()))));
                 }
             }
-            explicit::advance(model, &mut state, &mut scratch);
+            scheme::advance(model, &mut state, &mut scratch);
         }
         self.held.make_contiguous().sort_by_key(|(step, _)| *step);
         Ok(())

@@ -23,6 +23,7 @@ use crate::elements::contact_law::{ContactLaw, PeakMeter};
 use crate::geometry::{Vec2, cross, perp};
 use crate::impacts::{ImpactWatch, WATCHED_PERIODS};
 use crate::integrate::explicit::{self, ContactGroup, Scratch};
+use crate::integrate::scheme;
 use crate::model::Model;
 use crate::pairs::plate_rail::PlatePart;
 use crate::recording::frame::{Feature, Segment};
@@ -151,11 +152,11 @@ pub fn explain(replay: &mut Replay, link: usize, step: u64) -> anyhow::Result<Fr
     let mut tensions: Vec<f64> = Vec::new();
     let visit = replay.visit(step, |state, scratch| watch(&model, state, scratch, link, &mut lanes, &mut tensions))?;
     let (mut state, mut scratch) = (visit.state, visit.scratch);
-    explicit::evaluate(&model, &state, &mut scratch)?;
+    scheme::evaluate(&model, &state, &mut scratch)?;
     watch(&model, &state, &scratch, link, &mut lanes, &mut tensions);
     let mut body = free_body(&model, &state, &scratch, link, lanes)?;
     let before = [state.links.vx[link], state.links.vy[link], state.links.omega[link]];
-    explicit::advance(&model, &mut state, &mut scratch);
+    scheme::advance(&model, &mut state, &mut scratch);
     let after = [state.links.vx[link], state.links.vy[link], state.links.omega[link]];
     let rate = |k: usize| (after[k] - before[k]) / model.step_s;
     (body.acceleration_x_m_s2, body.acceleration_y_m_s2, body.angular_acceleration_rad_s2) =

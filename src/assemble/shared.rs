@@ -3,7 +3,7 @@
 
 use crate::diag::Report;
 use crate::drive::sensors::{SensorSpec, SignalSpec};
-use crate::drive::{ContactSpec, Drive, Effects, OuterSpec};
+use crate::drive::{ContactSpec, Drive, Effects, OuterSpec, Scheme};
 use crate::model::Profiles;
 use std::collections::VecDeque;
 use std::sync::{Mutex, PoisonError};
@@ -38,7 +38,7 @@ impl SharedParts {
         key.signals = Vec::<SignalSpec>::new();
         // How shafts turn and what loads them, but for signs below, is added when the loop stands.
         key.train = crate::drive::shafts::ShaftTrain::default();
-        key.run = crate::drive::RunSpec { step_s: None, run_in_s: 0.0, settle_s: 0.0 };
+        key.run = crate::drive::RunSpec { scheme: Scheme::Leapfrog, step_s: None, run_in_s: 0.0, settle_s: 0.0 };
         (key.joint.friction, key.joint.stick_speed_rad_s, key.joint.damping_n_s_per_m) = (0.0, 1.0, 0.0);
         (key.tooth_contact, key.guide_contact, key.ring_contact) =
             (still(key.tooth_contact), still(key.guide_contact), still(key.ring_contact));

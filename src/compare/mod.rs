@@ -15,8 +15,8 @@ use crate::drive::{ChainFidelity, ChainPart, Drive};
 use crate::elements::contact_law::ContactLaw;
 use crate::engagement::{ContactKind, EngagementWatch, KINDS, Pass};
 use crate::impacts::ImpactWatch;
-use crate::integrate::StepError;
-use crate::integrate::explicit::{self, Scratch};
+use crate::integrate::explicit::Scratch;
+use crate::integrate::{StepError, scheme};
 use crate::model::Model;
 use crate::pairs::contour_body::LinkContour;
 use crate::recording::capture::{self, Camera};
@@ -275,7 +275,7 @@ fn run_one(drive: &Drive, assembly: Assembly, plan: Plan, stop: &AtomicBool) -> 
         if stop.load(Ordering::Relaxed) {
             return Err(CompareError::Interrupted);
         }
-        explicit::evaluate(&model, &state, &mut scratch)
+        scheme::evaluate(&model, &state, &mut scratch)
             .map_err(|error| CompareError::Step { drive: drive.name.clone(), error })?;
         let touched = watch.observe(&model, &state, &scratch);
         if step <= recorded {
@@ -286,7 +286,7 @@ fn run_one(drive: &Drive, assembly: Assembly, plan: Plan, stop: &AtomicBool) -> 
             let frame = camera.take(&model, &state, &scratch);
             frames.push(frame);
         }
-        explicit::advance(&model, &mut state, &mut scratch);
+        scheme::advance(&model, &mut state, &mut scratch);
     }
     let Watched { summary, spectrum, passes } = watch.finish(drive, &model, &header)?;
     let mut impacts = watch.impacts;

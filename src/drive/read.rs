@@ -9,7 +9,7 @@ use super::shafts::{self, MotionSpec, MovingNames, ShaftTrain, Speeds};
 use super::valves::{self, CamCarriers};
 use super::{
     ArmSpec, ChainFidelity, ChainPart, ChainSpec, Drive, FaceForm, JointSpec, OuterSpec, PreloadSpec, RailSpec,
-    RingForm, RunSpec, ScatterSpec, ShaftSpec, SpanSpec, SprocketDrive,
+    RingForm, RunSpec, ScatterSpec, Scheme, ShaftSpec, SpanSpec, SprocketDrive,
 };
 use super::{effects, mechanism, sensors};
 use crate::geometry::chain::abutment::{AbutmentChain, Handover};
@@ -211,9 +211,24 @@ fn read_spans(t: &TomlTable<'_>, chain: usize, fidelity: ChainFidelity, sprocket
     all
 }
 
+/// Defaults of `run.hht_alpha` and `run.tolerance_um_s`. assumed: damps what has a few steps a period, and nothing slower by much; a
+/// millionth of a chain's speed.
+const HHT_ALPHA: f64 = -0.1;
+const TOLERANCE_M_S: f64 = 1e-5;
+
 /// How it is run: `[run]`.
 fn read_run(t: &TomlTable<'_>) -> RunSpec {
+    let schemes = [("leapfrog", 0), ("hht", 1), ("predictor_corrector", 2)];
+    let scheme = match t.choice("scheme", &schemes) {
+        Some(1) => Scheme::Hht { alpha: t.number("hht_alpha", 1.0, -1.0 / 3.0..=0.0).unwrap_or(HHT_ALPHA) },
+        Some(2) => {
+            let tolerance = t.number("tolerance_um_s", 1e-6, 1e-3..=1e5);
+            Scheme::PredictorCorrector { tolerance_m_s: tolerance.unwrap_or(TOLERANCE_M_S) }
+        }
+        _ => Scheme::Leapfrog,
+    };
     let run = RunSpec {
+        scheme,
         step_s: t.number("step_us", 1e-6, 0.001..=1000.0),
         run_in_s: t.number("run_in_ms", 1e-3, 0.0..=10_000.0).unwrap_or(25e-3),
         settle_s: t.number("settle_ms", 1e-3, 0.0..=10_000.0).unwrap_or(10e-3),

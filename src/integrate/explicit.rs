@@ -39,18 +39,18 @@ mod windows;
 pub use counts::{CountedPair, PairCounts};
 pub use parts::ContactGroup;
 pub use scratch::Scratch;
-use scratch::WINDOW_MARGIN_M;
+pub(crate) use scratch::WINDOW_MARGIN_M;
 pub use watch::{ContactGroups, ContactValue, Extreme, RequiredData};
 
 use super::{Isa, StepError, StepErrorKind};
 use crate::elements::body_frame::{BodyFrame, CoordinateColumns};
-use crate::elements::coordinate::{CoordinateMotion, turned};
+use crate::elements::coordinate::{Coordinate, CoordinateMotion, turned};
 use crate::geometry::Vec2;
 use crate::lanes::{LANES, LaneBlock, blocks, blocks_mut, take};
 use crate::model::Model;
 use crate::pairs::bush_tooth::Lanes;
 use crate::pairs::contour_forces::{BlockStep, PastContacts};
-use crate::state::{ContactMemory, LinkState, State};
+use crate::state::{ContactMemory, CoordinateState, LinkState, State};
 
 /// Extra damping while a drive is run in.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -483,6 +483,57 @@ fn advance_kernel(h: f64, s: &mut LinkState, ax: &[f64], ay: &[f64], alpha: &[f6
     }
 }
 
+/// Adds what forces on a coordinate do at this speed over a time to its accounts.
+#[inline(always)]
+fn add_work_of(
+    coordinate: &Coordinate,
+    r: &mut CoordinateState,
+    scratch: &Scratch,
+    (k, time_s, speed): (usize, f64, f64),
+) {
+    match coordinate.motion {
+        CoordinateMotion::Prescribed { .. } => {
+            r.work_in[k] -= (scratch.chain_torque[k] + scratch.parts_force[k]) * speed * time_s;
+        }
+        CoordinateMotion::Free { load, .. } => r.work_out[k] -= (load + scratch.working_force[k]) * speed * time_s,
+    }
+    if let Some(lost) = r.lost.get_mut(k) {
+        *lost += (coordinate.spring.damping * speed - scratch.losing_force[k]) * speed * time_s;
+    }
+    let shares = [&mut r.lost_load, &mut r.lost_coupling, &mut r.lost_span];
+    for (lost, force) in shares.into_iter().zip(&scratch.losing_parts) {
+        if let Some(lost) = lost.get_mut(k) {
+            *lost -= force[k] * speed * time_s;
+        }
+    }
+}
+
+/// As a step does for its own length: adds what the forces of a node do over a time at the speeds there to the accounts of all coordinates.
+pub(super) fn add_work(
+    model: &Model,
+    accounts: &mut CoordinateState,
+    scratch: &Scratch,
+    (time_s, speed): (f64, impl Fn(usize) -> f64),
+) {
+    for (k, coordinate) in model.coordinates.iter().enumerate() {
+        add_work_of(coordinate, accounts, scratch, (k, time_s, speed(k)));
+    }
+}
+
+/// Accelerations by the joints at the node, without what contacts make of them.
+pub(super) fn joint_accelerations(model: &Model, state: &State, scratch: &mut Scratch) {
+    if scratch.next_refresh == 0 {
+        scratch.constants.read(model);
+    }
+    links::end_motion(model, state, scratch);
+    links::predict_from_joints(model, state, scratch);
+}
+
+/// Speed in the middle of the coming step of a coordinate whose motion is given [rad/s].
+pub(super) fn next_driver_speed(model: &Model, state: &State, scratch: &Scratch, k: usize) -> f64 {
+    shafts::driver_speed(model, state, scratch, k).unwrap_or(state.coordinates.omega[k])
+}
+
 fn advance_coordinates(model: &Model, state: &mut State, scratch: &Scratch) {
     let h = model.step_s;
     let r = &mut state.coordinates;
@@ -495,22 +546,7 @@ fn advance_coordinates(model: &Model, state: &mut State, scratch: &Scratch) {
             }
         };
         // Power at the node with the mean of the two half-step speeds: exactly what the kinetic energy gains.
-        let mean = 0.5 * (before + after);
-        match coordinate.motion {
-            CoordinateMotion::Prescribed { .. } => {
-                r.work_in[k] -= (scratch.chain_torque[k] + scratch.parts_force[k]) * mean * h;
-            }
-            CoordinateMotion::Free { load, .. } => r.work_out[k] -= (load + scratch.working_force[k]) * mean * h,
-        }
-        if let Some(lost) = r.lost.get_mut(k) {
-            *lost += (coordinate.spring.damping * mean - scratch.losing_force[k]) * mean * h;
-        }
-        let shares = [&mut r.lost_load, &mut r.lost_coupling, &mut r.lost_span];
-        for (lost, force) in shares.into_iter().zip(&scratch.losing_parts) {
-            if let Some(lost) = lost.get_mut(k) {
-                *lost -= force[k] * mean * h;
-            }
-        }
+        add_work_of(coordinate, r, scratch, (k, h, 0.5 * (before + after)));
         r.omega[k] = after;
         r.alpha[k] = scratch.coordinate_alpha[k];
         r.angle[k] += h * after;

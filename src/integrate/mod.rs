@@ -1,7 +1,12 @@
-//! Time integration: one explicit scheme, its step rule, and the kernels for each vector unit.
+//! Time integration: an explicit scheme, its step rule, and the kernels for each vector unit; other schemes to compare it with.
 
+mod cyclic_blocks;
 pub mod explicit;
+mod implicit;
+mod instant;
 mod link_row;
+mod predictor;
+pub mod scheme;
 pub mod step_bound;
 
 /// Which instructions the kernels are compiled for. All give the same bits: no fused multiply-add, no approximate
@@ -96,6 +101,8 @@ pub enum StepErrorKind {
     NotFinite,
     /// A joint has come apart by this much [m].
     Torn { stretch_m: f64 },
+    /// A step of the scheme has no solution; what its last try leaves of speeds [m/s].
+    Unsolved { residual_m_s: f64 },
     /// Journal and bore of a plain bearing touch: what is left of the film [m].
     FilmBroken { film_m: f64 },
 }
@@ -106,6 +113,14 @@ impl std::fmt::Display for StepError {
         match self.kind {
             StepErrorKind::NotFinite => write!(f, "a value is no finite number")?,
             StepErrorKind::Torn { stretch_m } => write!(f, "the joint is stretched by {:.3} mm", stretch_m * 1e3)?,
+            StepErrorKind::Unsolved { residual_m_s } => {
+                return write!(
+                    f,
+                    "its step has no solution, {:.3} um/s are left; try a smaller step (run.step_us), or a contact law whose force begins \
+                     at zero",
+                    residual_m_s * 1e6
+                );
+            }
             StepErrorKind::FilmBroken { film_m } => {
                 return write!(
                     f,

@@ -134,7 +134,7 @@ impl Camera {
         Camera { origin, ..Camera::default() }
     }
 
-    /// The frame at `state`, after [`crate::integrate::explicit::evaluate`].
+    /// The frame at `state`, after [`crate::integrate::scheme::evaluate`].
     pub fn take(&mut self, model: &Model, state: &State, scratch: &Scratch) -> Frame {
         let mut frame = self.spare.pop().unwrap_or_default();
         fill_links(model, state, scratch, &mut frame.links);
@@ -188,7 +188,7 @@ fn fill_lanes<I: Iterator<Item = f64>>(column: &mut Vec<f64>, chain: &ChainModel
 /// All energies at `state`: where a ledger begins that is opened there.
 pub fn ledger_at(model: &Model, state: &State) -> Result<Energy, crate::integrate::StepError> {
     let mut scratch = Scratch::new(model);
-    crate::integrate::explicit::evaluate(model, state, &mut scratch)?;
+    crate::integrate::scheme::evaluate(model, state, &mut scratch)?;
     let (mut links, mut rows) = (Links::default(), SortedContacts::default());
     fill_links(model, state, &scratch, &mut links);
     let node = Node { model, state, scratch: &scratch, only: None };

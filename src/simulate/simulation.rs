@@ -7,8 +7,8 @@ use crate::breakpoint::{Breakpoint, Names};
 use crate::diag::Report;
 use crate::drive::Drive;
 use crate::impacts::ImpactWatch;
-use crate::integrate::StepError;
-use crate::integrate::explicit::{self, Scratch};
+use crate::integrate::explicit::Scratch;
+use crate::integrate::{StepError, scheme};
 use crate::model::Model;
 use crate::recording::capture::{self, Camera};
 use crate::recording::frame::{Frame, Header};
@@ -96,7 +96,7 @@ impl Simulation {
     /// # Errors
     /// The step cannot be computed, as after a run that broke down.
     pub fn frame(&mut self) -> Result<Frame, StepError> {
-        explicit::evaluate(&self.model, &self.state, &mut self.scratch)?;
+        scheme::evaluate(&self.model, &self.state, &mut self.scratch)?;
         Ok(Camera::since(self.header.ledger_origin).take(&self.model, &self.state, &self.scratch))
     }
 

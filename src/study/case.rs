@@ -11,7 +11,8 @@ use crate::compare::{CompareError, DriverWatch};
 use crate::diag::{Report, last_name};
 use crate::drive::Drive;
 use crate::impacts::ImpactWatch;
-use crate::integrate::explicit::{self, Scratch};
+use crate::integrate::explicit::Scratch;
+use crate::integrate::scheme;
 use crate::recording::capture::{self, Camera};
 use crate::recording::frame::{Frame, Header, Impact};
 use crate::simulate::{LiftOffWatch, RunLength, energy_json};
@@ -108,7 +109,7 @@ pub fn run_watched(
     let mut impacts = Vec::new();
     let (mut stored_first_j, mut energy) = (0.0, None);
     for step in 0..=span.steps {
-        explicit::evaluate(&model, &state, &mut scratch).map_err(|e| CaseError(e.to_string()))?;
+        scheme::evaluate(&model, &state, &mut scratch).map_err(|e| CaseError(e.to_string()))?;
         if let Some(driver) = &mut driver {
             driver.observe(&model, &state, &scratch);
         }
@@ -136,7 +137,7 @@ pub fn run_watched(
             camera.give_back(frame);
         }
         if step < span.steps {
-            explicit::advance(&model, &mut state, &mut scratch);
+            scheme::advance(&model, &mut state, &mut scratch);
         }
     }
     let mut tree = serde_json::Map::new();

@@ -16,6 +16,7 @@ use crate::model::{ChainModel, Model};
 use crate::pairs::bush_tooth::Lanes;
 use crate::pairs::contour_forces::AccelerationChange;
 use crate::state::ContactMemory;
+use std::any::Any;
 
 /// What a step computes on the way. May be thrown away at any time.
 pub struct Scratch {
@@ -46,7 +47,7 @@ pub struct Scratch {
     pub(super) bush_y: JointColumn,
     pub(super) bush_moment: JointColumn,
     /// Memories after the step, and what it knows of each contact, in the order of `ContactGroup::ALL`.
-    pub(super) contacts: Vec<ContactMemory>,
+    pub(in crate::integrate) contacts: Vec<ContactMemory>,
     pub(super) groups: Vec<GroupColumns>,
     /// Where plates touch rails.
     pub(super) rails: RailColumns,
@@ -104,7 +105,7 @@ pub struct Scratch {
     /// Torque of the chain on each coordinate, mean over the step [N m].
     pub chain_torque: Vec<f64>,
     /// What touching parts remember, and the force of touching parts and oil on each coordinate, mean over the step [N m, N].
-    pub(super) touches: ContactMemory,
+    pub(in crate::integrate) touches: ContactMemory,
     pub(super) parts_force: Vec<f64>,
     /// Force of touches that this step has not come to yet, as it was a step ago.
     pub(super) touches_behind: Vec<f64>,
@@ -116,6 +117,8 @@ pub struct Scratch {
     /// Where coordinates stand at the node, and in the middle of the step; empty without oil.
     pub(super) places_before: Vec<f64>,
     pub(super) places_between: Vec<f64>,
+    /// What another scheme than the leapfrog computes on the way.
+    pub(in crate::integrate) of_scheme: Option<Box<dyn Any + Send + Sync>>,
 }
 
 /// One value per joint, and the last joint's again before the first's: of the joint behind every link, and of the one before it.
@@ -258,7 +261,7 @@ impl LinkEnds {
 /// Steps between two looks for who is near whom.
 const REFRESH_STEPS: u64 = 64;
 /// Room around a body inside which joints are looked at [m]: more than twice what they move between two looks.
-pub(super) const WINDOW_MARGIN_M: f64 = 5e-3;
+pub(crate) const WINDOW_MARGIN_M: f64 = 5e-3;
 
 impl Scratch {
     pub fn new(model: &Model) -> Scratch {
@@ -344,7 +347,13 @@ impl Scratch {
             losing_parts: std::array::from_fn(|_| vec![0.0; model.coordinates.len()]),
             places_before: vec![0.0; if model.oil.is_some() { model.coordinates.len() } else { 0 }],
             places_between: vec![0.0; if model.oil.is_some() { model.coordinates.len() } else { 0 }],
+            of_scheme: None,
         }
+    }
+
+    /// For a State whose contacts are not those of the step before: any block of either memory may hold an old contact.
+    pub(in crate::integrate) fn forget_contacts(&mut self) {
+        self.groups.iter_mut().for_each(|group| group.stale.fill(2));
     }
 
     /// Force on link j + 1 at joint `j` [N], and friction torque on it [N m].
