@@ -466,7 +466,11 @@ fn choose_step(drive: &Drive, model: &Model, bound: &StepBound) -> Result<f64, A
         && model.chain.has_rollers()
     {
         let title = "`run.scheme` = \"hht\" does not solve rollers that are bodies of their own".to_string();
-        return refused("run.scheme", title, "take `chain.roller.body` = \"link\", or another scheme".to_string());
+        return refused(
+            "run.scheme",
+            title,
+            "take `chain.bush.rollers.body` = \"link\", or another scheme".to_string(),
+        );
     }
     let fastest_m_s = model.chain_speeds_m_s.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
     let farthest_s = FARTHEST_STEP_M / fastest_m_s.max(1e-3);

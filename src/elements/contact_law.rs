@@ -73,6 +73,9 @@ pub struct HertzLine {
 /// Approach speeds below this are taken as this [m/s]: a contact that begins at rest must not divide by zero.
 pub const SLOWEST_APPROACH_M_S: f64 = 1e-3;
 
+/// Penetration below which nothing touches within a step [m]: what is out of reach is given as much less.
+const NEAR_M: f64 = -1.0;
+
 /// Force and rate coefficient at one penetration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Elastic {
@@ -464,7 +467,8 @@ pub fn closed_form_step<const GROWS: bool>(k: f64, c: f64, s: StepInput, old: bo
     let slope_there = if falling { slope + bend * end } else { slope };
     let bend_there = if falling { sense * bend } else { 0.0 };
     let tail = rest * rest * rest * (bend_there * rest * (1.0 / 24.0) - slope_there * (1.0 / 6.0));
-    let tail = if parting & (closed | old) { tail } else { 0.0 };
+    // What remembers a contact and is far off now has parted, however short the step.
+    let tail = if parting & (closed | old) & (d > NEAR_M) { tail } else { 0.0 };
     let touching = closed & (force > 0.0);
     let coming = !closed & (s.free_rate > 0.0);
     let missed = if fresh { part } else { 0.0 };

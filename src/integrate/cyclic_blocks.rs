@@ -189,13 +189,13 @@ impl Eliminated {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::identify::stats::Random;
+    use crate::random::SplitMix;
 
     /// Against a dense solution, for one loop and for two, with and without coordinates, and for the shortest loops.
     #[test]
     fn solves_as_a_dense_matrix_does() {
-        let mut random = Random::new(11);
-        let mut one = || random.below(2001) as f64 / 1000.0 - 1.0;
+        let mut random = SplitMix(11);
+        let mut one = || 2.0 * random.uniform() - 1.0;
         for (loops, m) in [(vec![9], 2), (vec![3, 7], 3), (vec![4], 0), (vec![], 2)] {
             let n: usize = loops.iter().sum();
             let mut system = CyclicBlocks::new(loops.clone(), m);

@@ -113,7 +113,9 @@ impl PredictorStep {
         let (mut length, mut usual) = (whole, whole);
         for _ in 0..MOST_STEPS {
             length = length.clamp(1, whole - at.ticks);
-            let change = at.change_since(past.as_ref());
+            // A line through two moments that are close to each other leads far off.
+            let is_long = |past: &&Past| past.1 * MOST_GROWTH > length as f64 * self.window_s;
+            let change = at.change_since(past.as_ref().filter(is_long));
             let predicted = at.later(length, self.window_s, &change);
             let forces = instant.accelerations(predicted.ticks, predicted.parts())?;
             if length > 1 && self.differs(instant) {
