@@ -70,7 +70,8 @@ pub struct Compiled {
 
 /// Compiles a drive up to its Model: for runs that go on from a recorded State.
 pub fn compile(drive: &Drive) -> Result<Compiled, AssemblyError> {
-    compile_with(drive, None)
+    let compiled = compile_with(drive, None)?;
+    Ok(Compiled { model: compiled.model.for_its_scheme(), ..compiled })
 }
 
 fn compile_with(drive: &Drive, shared: Option<&SharedParts>) -> Result<Compiled, AssemblyError> {
@@ -194,7 +195,7 @@ pub fn compile_in_place(drive: &Drive, other: &Model) -> Result<Model, AssemblyE
     model.step_s = choose_step(drive, &model, &step_bound(&model))?;
     // Cams stay where they are on their shafts.
     model.take_cams(other);
-    Ok(model)
+    Ok(model.for_its_scheme())
 }
 
 /// What a drive has besides its chains.
@@ -226,7 +227,7 @@ fn run_in_steps(drive: &Drive, step_s: f64) -> (u64, u64) {
 
 /// A drive at rest under its load: its model, and the equilibrium.
 pub fn at_rest(drive: &Drive) -> Result<(Model, Equilibrium), AssemblyError> {
-    let Compiled { model, .. } = compile(drive)?;
+    let Compiled { model, .. } = compile_with(drive, None)?;
     let rest = rest_configuration(&model, drive, 0.0)?;
     let unloaded = solve(&model, rest, 0.0, "tightening the loop")?;
     check_rails(drive, &model, &unloaded)?;
@@ -314,8 +315,7 @@ fn assemble_from(drive: &Drive, isa: Isa, shared: Option<&SharedParts>) -> Resul
     } else {
         let leapfrog = model.stepped_by(Scheme::Leapfrog, run_in_step_s);
         let steadiness = run_in(drive, &leapfrog, &mut state, isa).map_err(AssemblyError::RunIn)?;
-        let mut scratch = Scratch::with_isa(&leapfrog, isa);
-        scheme::begin(&leapfrog, &model, &mut state, &mut scratch).map_err(AssemblyError::RunIn)?;
+        scheme::convert(&leapfrog, &model, &mut state, isa).map_err(AssemblyError::RunIn)?;
         steadiness
     };
     let mean = |t: &[f64]| t.iter().sum::<f64>() / t.len() as f64;
@@ -462,22 +462,30 @@ fn choose_step(drive: &Drive, model: &Model, bound: &StepBound) -> Result<f64, A
     let refused = |path: &str, title: String, help: String| {
         Err(AssemblyError::Input(drive.places.report(vec![drive.places.error(path, title, Some(help))])))
     };
-    if let Scheme::Hht { .. } = model.scheme
+    if let Scheme::Hht { .. } | Scheme::Moreau { .. } = model.scheme
         && model.chain.has_rollers()
     {
-        let title = "`run.scheme` = \"hht\" does not solve rollers that are bodies of their own".to_string();
+        let title = "this `run.scheme` does not solve rollers that are bodies of their own".to_string();
         return refused(
             "run.scheme",
             title,
             "take `chain.bush.rollers.body` = \"link\", or another scheme".to_string(),
         );
     }
+    let seats_bushes = model.sprockets.iter().any(|s| s.geometry.iso().is_some());
+    if let Scheme::Moreau { .. } = model.scheme
+        && !seats_bushes
+        && model.touches.is_empty()
+    {
+        let title = "`run.scheme` = \"moreau\": no bush touches a tooth, and no part another one".to_string();
+        return refused("run.scheme", title, "contours of links keep their laws; take another scheme".to_string());
+    }
     let fastest_m_s = model.chain_speeds_m_s.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
     let farthest_s = FARTHEST_STEP_M / fastest_m_s.max(1e-3);
     match (drive.run.step_s, model.scheme) {
         (None, _) => Ok(would_do),
-        (Some(step), Scheme::Leapfrog) if step <= bound.step_s => Ok(step),
-        (Some(step), Scheme::Leapfrog) => {
+        (Some(step), Scheme::Leapfrog | Scheme::Moreau { .. }) if step <= bound.step_s => Ok(step),
+        (Some(step), Scheme::Leapfrog | Scheme::Moreau { .. }) => {
             let title = format!("`run.step_us` = {} is too large for this drive", step * 1e6);
             let help = format!("{:.3} us would do; the bound comes from the {}", would_do * 1e6, bound.cause);
             refused("run.step_us", title, help)

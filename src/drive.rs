@@ -641,6 +641,11 @@ pub enum Scheme {
         /// In -1/3 .. 0: damping of what a step does not resolve.
         alpha: f64,
     },
+    /// Of Moreau and Jean: bushes and teeth, and parts that touch each other, are rigid.
+    Moreau {
+        /// Opening speed after an impact over the closing speed before it, 0 .. 1.
+        restitution: f64,
+    },
     /// Explicit, with steps of its own.
     PredictorCorrector {
         /// Largest error of a speed in one of them [m/s].

@@ -32,7 +32,7 @@ use crate::diag::Report;
 use crate::drive::sensors::SensorReads;
 use crate::drive::{Drive, Scheme};
 use crate::elements::body_frame::BodyFrame;
-use crate::elements::contact_law::PairRadii;
+use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::coordinate::Coordinate;
 use crate::elements::coupling::Coupling;
 use crate::elements::driver_motion::DriverMotion;
@@ -403,6 +403,16 @@ impl Model {
             routes: vec![route],
             sensors: drive.sensors.iter().map(|s| s.reads).collect(),
         })
+    }
+
+    /// The same drive, as its scheme takes it: where bushes, teeth and parts are rigid, their laws give no force.
+    #[must_use]
+    pub fn for_its_scheme(mut self) -> Model {
+        if let Scheme::Moreau { .. } = self.scheme {
+            self.sprockets.iter_mut().for_each(|s| s.body.law = ContactLaw::NONE);
+            self.touches.iter_mut().for_each(|t| t.law = ContactLaw::NONE);
+        }
+        self
     }
 
     /// The same drive, stepped by another scheme.

@@ -13,6 +13,7 @@ use crate::breakpoint::scratch::BreakWatch;
 use crate::breakpoint::{Hit, Subject};
 use crate::impacts::{ImpactWatch, WATCHED_PERIODS};
 use crate::integrate::explicit::{RequiredData, Scratch};
+use crate::integrate::scheme::SchemeSummary;
 use crate::integrate::{StepError, scheme};
 use crate::model::Model;
 use crate::recording::Sink;
@@ -108,6 +109,8 @@ pub struct Summary {
     pub impacts: Option<u64>,
     /// Valves that left their cams.
     pub lift_offs: Vec<LiftOff>,
+    /// How another scheme than the leapfrog did.
+    pub scheme: Option<SchemeSummary>,
 }
 
 /// Inputs of a run besides the model and its State.
@@ -300,6 +303,7 @@ pub fn run_job(
         n_hits: stops.n_hits,
         impacts: wants_impacts.then_some(n_impacts),
         lift_offs: lift_offs.into_found(),
+        scheme: scheme::summary(scratch),
     })
 }
 

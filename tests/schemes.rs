@@ -304,3 +304,167 @@ fn what_schemes_cannot_do_is_refused() {
     refused(text, &["run.scheme=\"predictor_corrector\"", "run.tolerance_um_s=0"], "tolerance_um_s");
     refused(text, &["run.scheme=\"euler\""], "none of \"leapfrog\"");
 }
+
+/// A closed contact keeps the speed that Newton's law of impact says, whatever bodies it is between, and gives them no momentum together.
+#[test]
+fn rigid_parts_part_as_newton_says() {
+    for restitution in [0.0, 0.4, 1.0] {
+        let step_s = 1e-6;
+        let spring = CoordinateSpring::default();
+        let (mut model, links) = slider(Scheme::Moreau { restitution }, step_s, 0.03, spring);
+        let light = Coordinate {
+            path: "sliders.light".into(),
+            motion: CoordinateMotion::Free { inertia: 0.01, load: 0.0 },
+            ..model.coordinates[0].clone()
+        };
+        model.coordinates.push(light);
+        let stop = Touch {
+            path: "stop".into(),
+            shape: TouchShape::Stop { coordinate: 1, limit: 2e-3, sense: 1.0, lever_m: 1.0 },
+            law: ContactLaw::NONE,
+            friction: 0.0,
+            stick_speed_m_s: 1.0,
+            radii: PairRadii { bush_m: 1e-3, body_m: f64::INFINITY },
+        };
+        model.touches.push(stop);
+        let mut state = State::at_rest(&model.layout());
+        state.links.clone_from(&links.links);
+        let mut scratch = Scratch::new(&model);
+        let v0 = 2.5;
+        state.coordinates.omega = vec![0.0, v0];
+        let energy = |omega: &[f64]| 0.5 * 0.03 * omega[0] * omega[0] + 0.5 * 0.01 * omega[1] * omega[1];
+        for _ in 0..1500 {
+            scheme::step(&model, &mut state, &mut scratch).expect("a solution");
+        }
+        let v = state.coordinates.omega[1];
+        assert!((v + restitution * v0).abs() < 1e-9, "e = {restitution}: {v}");
+        let lost = state.touches.lost_damping[0];
+        let gone = energy(&[0.0, v0]) - energy(&state.coordinates.omega);
+        assert!((lost - gone).abs() < 1e-12, "e = {restitution}: lost {lost}, gone {gone}");
+        println!("e = {restitution}: {v:.9} m/s, {lost:.3e} J lost");
+    }
+}
+
+/// The chain on rigid teeth: contacts keep Coulomb's cone and do not pull, bodies overlap by no more than a step's way, and every joule is
+/// accounted for. Its tensions are those of the chain on stiff teeth.
+#[test]
+fn a_chain_runs_on_rigid_teeth() {
+    let tension = |scheme: &str, steps: u32| {
+        let step = format!("run.step_us={}", 1e4 / f64::from(steps));
+        let a = assembled(&bundled("bush-20-40", &[&format!("run.scheme=\"{scheme}\""), &step]));
+        let (mut state, mut scratch, mut camera) = (a.state, Scratch::new(&a.model), Camera::default());
+        let (mut sum, mut count, mut error, mut contacts) = (0.0, 0.0, 0.0, 0);
+        for step in 0..steps {
+            scheme::evaluate(&a.model, &state, &mut scratch).expect("a solution");
+            if step % 25 == 0 {
+                let frame = camera.take(&a.model, &state, &scratch);
+                sum +=
+                    frame.joints.force_x_n.iter().zip(&frame.joints.force_y_n).map(|(x, y)| x.hypot(*y)).sum::<f64>();
+                count += frame.joints.force_x_n.len() as f64;
+                error = frame.energy.error_j / frame.energy.put_in_j().max(1e-3);
+                let c = &frame.contacts;
+                for k in (0..c.link.len()).filter(|k| c.body[*k] < 2) {
+                    assert!(c.normal_force_n[k] >= 0.0);
+                    assert!(c.tangential_force_n[k].abs() <= 0.1 * c.normal_force_n[k] + 1e-6);
+                    contacts += 1;
+                }
+            }
+            scheme::advance(&a.model, &mut state, &mut scratch);
+        }
+        (sum / count, error, contacts, scheme::summary(&scratch))
+    };
+    let (elastic, _, _, _) = tension("leapfrog", 5000);
+    let (rigid, error, contacts, told) = tension("moreau", 5000);
+    let (_, finer, _, _) = tension("moreau", 10_000);
+    println!(
+        "mean tension {rigid:.1} N on rigid teeth, {elastic:.1} N on stiff ones; ledger {error:.1e}, {finer:.1e} with half the step; {told:?}"
+    );
+    assert!((rigid / elastic - 1.0).abs() < 0.05 && contacts > 1000);
+    // Joints see a step's impulses one step late.
+    assert!(error.abs() < 4e-4 && finer.abs() < 0.7 * error.abs());
+}
+
+/// A node that is evaluated twice, or looked at more or less often, is the same node.
+#[test]
+fn looking_twice_changes_nothing() {
+    for scheme in ["hht", "predictor_corrector", "moreau"] {
+        let a = assembled(&bundled("tensioner-20-40", &[&format!("run.scheme=\"{scheme}\"")]));
+        let run = |looks: u32, refresh: u64| {
+            let (mut state, mut scratch) = (a.state.clone(), Scratch::new(&a.model));
+            scratch.refresh_steps = refresh;
+            for _ in 0..40 {
+                for _ in 0..looks {
+                    scheme::evaluate(&a.model, &state, &mut scratch).expect("a solution");
+                }
+                scheme::advance(&a.model, &mut state, &mut scratch);
+            }
+            state.hash()
+        };
+        let once = run(1, 64);
+        assert_eq!(once, run(2, 64), "{scheme}, evaluated twice");
+        assert_eq!(once, run(1, 1), "{scheme}, looked at in every step");
+        assert_eq!(once, run(1, 1000), "{scheme}, looked at seldom");
+    }
+}
+
+/// All laws of contact, with steps that are short and long against the impact: each mass comes back as its law says, and the ledger closes.
+#[test]
+fn every_law_holds_under_every_scheme() {
+    let (mass, k, v0) = (0.01, 1e7, 2.5);
+    let e = 0.6_f64;
+    let power = |hysteresis: f64| ContactLaw::Power { stiffness_n_per_m_n: k, exponent: 1.0, hysteresis };
+    for (name, law, comes_back) in [
+        ("restitution", power(restitution_hysteresis(e)), Some(e)),
+        ("linear with a damper", ContactLaw::Linear { stiffness_n_per_m: k, damping_n_s_per_m: 100.0 }, None),
+    ] {
+        let run = |scheme: Scheme, step_s: f64, gap: f64| -> (f64, f64, f64) {
+            let (mut model, links) = slider(scheme, step_s, mass, CoordinateSpring::default());
+            model.touches.push(Touch {
+                path: "stop".into(),
+                shape: TouchShape::Stop { coordinate: 0, limit: gap, sense: 1.0, lever_m: 1.0 },
+                law,
+                friction: 0.0,
+                stick_speed_m_s: 1.0,
+                radii: PairRadii { bush_m: 1e-3, body_m: f64::INFINITY },
+            });
+            let mut state = State::at_rest(&model.layout());
+            state.links.clone_from(&links.links);
+            let mut scratch = Scratch::new(&model);
+            release(&model, &mut state, [0.0, v0, 0.0]);
+            let mut approach = 0.0;
+            for _ in 0..(1.5e-3 / step_s).round() as u64 {
+                scheme::step(&model, &mut state, &mut scratch).expect("a solution");
+                approach = f64::max(approach, state.touches.approach[0]);
+            }
+            let [_, v] = motion(&model, &state);
+            let gone = 0.5 * mass * (v0 * v0 - v * v);
+            (-v / v0, state.touches.lost_damping[0] / gone - 1.0, approach / v0 - 1.0)
+        };
+        // The damper's law in closed form: a half wave that is damped, ended where its force is zero.
+        let c = 100.0_f64;
+        let zeta = c / (2.0 * (k * mass).sqrt());
+        let turn = (1.0 - zeta * zeta).sqrt();
+        let expected = comes_back.unwrap_or_else(|| {
+            let phase = (2.0 * zeta * turn).atan2(1.0 - 2.0 * zeta * zeta);
+            (-zeta / turn * (PI - phase)).exp()
+        });
+        for (scheme, step_s, off, ledger, touch) in [
+            (PRECISE, 1e-6, 1e-4, 1e-4, 1e-3),
+            (PRECISE, 2e-5, 1e-4, 1e-4, 1e-3),
+            (Scheme::Hht { alpha: 0.0 }, 1e-6, 0.02, 0.1, 0.05),
+        ] {
+            let mut worst = [0.0_f64; 3];
+            for gap in [1.013e-3, 1.047e-3, 1.091e-3] {
+                let (back, lost, approach) = run(scheme, step_s, gap);
+                for (worst, off) in worst.iter_mut().zip([back / expected - 1.0, lost, approach]) {
+                    *worst = worst.max(off.abs());
+                }
+            }
+            println!(
+                "{name}, {scheme:?}, {step_s} s: comes back off by {:.1e}, ledger {:.1e}, approach {:.1e}",
+                worst[0], worst[1], worst[2]
+            );
+            assert!(worst[0] < off && worst[1] < ledger && worst[2] < touch, "{worst:?}");
+        }
+    }
+}

@@ -19,6 +19,7 @@
 //! Flanks, abutments and plate ends are parts of their link: the joint ahead is its own front joint, r goes from there
 //! to the contact point, and there is no rest term. Guides are at rest (W = 0).
 
+use crate::drive::Scheme;
 use crate::elements::contact_law::{ContactLaw, PeakMeter};
 use crate::geometry::{Vec2, cross, perp};
 use crate::impacts::{ImpactWatch, WATCHED_PERIODS};
@@ -155,12 +156,16 @@ pub fn explain(replay: &mut Replay, link: usize, step: u64) -> anyhow::Result<Fr
     scheme::evaluate(&model, &state, &mut scratch)?;
     watch(&model, &state, &scratch, link, &mut lanes, &mut tensions);
     let mut body = free_body(&model, &state, &scratch, link, lanes)?;
-    let before = [state.links.vx[link], state.links.vy[link], state.links.omega[link]];
-    scheme::advance(&model, &mut state, &mut scratch);
-    let after = [state.links.vx[link], state.links.vy[link], state.links.omega[link]];
-    let rate = |k: usize| (after[k] - before[k]) / model.step_s;
-    (body.acceleration_x_m_s2, body.acceleration_y_m_s2, body.angular_acceleration_rad_s2) =
-        (rate(0), rate(1), rate(2));
+    let rate = if let Scheme::Leapfrog | Scheme::Moreau { .. } = model.scheme {
+        let before = [state.links.vx[link], state.links.vy[link], state.links.omega[link]];
+        scheme::advance(&model, &mut state, &mut scratch);
+        let after = [state.links.vx[link], state.links.vy[link], state.links.omega[link]];
+        std::array::from_fn(|k| (after[k] - before[k]) / model.step_s)
+    } else {
+        // Speeds half a step apart are not those of one node's forces.
+        [scratch.ax[link], scratch.ay[link], scratch.alpha[link]]
+    };
+    [body.acceleration_x_m_s2, body.acceleration_y_m_s2, body.angular_acceleration_rad_s2] = rate;
     balance(&mut body, model.chain.lever[link]);
     Ok(body)
 }

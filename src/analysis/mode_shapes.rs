@@ -1,6 +1,7 @@
 //! What moves in a mode of a drive, and its motion as frames.
 
 use crate::assemble::resting_state;
+use crate::drive::Scheme;
 use crate::geometry::{Vec2, perp, unit};
 use crate::integrate::explicit::{self, Scratch};
 use crate::integrate::{Isa, StepError};
@@ -109,6 +110,9 @@ pub fn wave_speed_m_s(model: &Model, tension_n: f64) -> Option<f64> {
     Some(libm::sqrt(tension_n.max(0.0) * pitch_m(model)? / mass_kg))
 }
 
+/// Of forces at rest, where the scheme of a drive is not the leapfrog [s].
+const LONGEST_STEP_S: f64 = 1e-6;
+
 /// A mode's motion over whole periods, in real time: frames of the drive at rest whose links and bodies are displaced. Contacts are left out, because the
 /// amplitude is for the eye; forces of joints are those at rest.
 ///
@@ -121,6 +125,9 @@ pub fn motion(
     (amplitude_m, periods, per_period): (f64, u64, u64),
 ) -> Result<Vec<Frame>, StepError> {
     let state = resting_state(model, at);
+    // A step of another scheme may be too long for the means of the leapfrog.
+    let leapfrog = model.stepped_by(Scheme::Leapfrog, model.step_s.min(LONGEST_STEP_S));
+    let model = if model.scheme == Scheme::Leapfrog { model } else { &leapfrog };
     let mut scratch = Scratch::new(model);
     explicit::evaluate(model, &state, &mut scratch)?;
     let rest = Camera::default().take(model, &state, &scratch);

@@ -7,6 +7,7 @@ use crate::breakpoint::{Breakpoint, Names};
 use crate::drive::Drive;
 use crate::impacts::ImpactWatch;
 use crate::integrate::explicit::Scratch;
+use crate::integrate::{Isa, scheme};
 use crate::model::Model;
 use crate::recording::capture::Camera;
 use crate::recording::frame::{Energy, Header, Parent};
@@ -322,8 +323,8 @@ fn resumed(args: &RunArgs, recording: &Path, drive: Drive) -> Result<RunStart, F
         Failure::Input(format!("these changes make another State of the drive, and the run cannot go on from it: {e}"))
     })?;
     let (old_step_s, new_step_s) = (replay.model.step_s, model.step_s);
+    scheme::convert(&replay.model, &model, &mut state, Isa::detect()).map_err(anyhow::Error::from)?;
     if old_step_s != new_step_s {
-        state.restep(old_step_s, new_step_s);
         #[expect(clippy::cast_possible_truncation, reason = "a number of steps, rounded")]
         let step = (visit.state.step as f64 * old_step_s / new_step_s).round() as u64;
         state.step = step;
@@ -488,6 +489,7 @@ fn json(
             "what": hit_text(h, header),
             "subject": subject_json(h, header),
         })).collect::<Vec<_>>(),
+        "scheme": summary.scheme,
         "vector_unit": scratch.isa,
         "state_hash": format!("{:016x}", summary.state_hash),
         "outputs": outputs.iter().map(|o| serde_json::json!({ "path": o.path, "bytes": o.bytes })).collect::<Vec<_>>(),
@@ -530,6 +532,7 @@ fn text(header: &Header, summary: &Summary, outputs: &[Output], (wall_s, asked):
         wall_s,
         wall_s / simulated.max(header.step_s)
     )];
+    lines.extend(summary.scheme.iter().map(|s| format!("  scheme: {}", s.text())));
     if let Some(parent) = &header.parent {
         let branch = if parent.changed { "a branch of" } else { "goes on from" };
         lines.push(format!(

@@ -218,13 +218,14 @@ const TOLERANCE_M_S: f64 = 1e-5;
 
 /// How it is run: `[run]`.
 fn read_run(t: &TomlTable<'_>) -> RunSpec {
-    let schemes = [("leapfrog", 0), ("hht", 1), ("predictor_corrector", 2)];
+    let schemes = [("leapfrog", 0), ("hht", 1), ("predictor_corrector", 2), ("moreau", 3)];
     let scheme = match t.choice("scheme", &schemes) {
         Some(1) => Scheme::Hht { alpha: t.number("hht_alpha", 1.0, -1.0 / 3.0..=0.0).unwrap_or(HHT_ALPHA) },
         Some(2) => {
             let tolerance = t.number("tolerance_um_s", 1e-6, 1e-3..=1e5);
             Scheme::PredictorCorrector { tolerance_m_s: tolerance.unwrap_or(TOLERANCE_M_S) }
         }
+        Some(3) => Scheme::Moreau { restitution: t.number("restitution", 1.0, 0.0..=1.0).unwrap_or(0.0) },
         _ => Scheme::Leapfrog,
     };
     let run = RunSpec {

@@ -73,8 +73,8 @@ pub struct HertzLine {
 /// Approach speeds below this are taken as this [m/s]: a contact that begins at rest must not divide by zero.
 pub const SLOWEST_APPROACH_M_S: f64 = 1e-3;
 
-/// Penetration below which nothing touches within a step [m]: what is out of reach is given as much less.
-const NEAR_M: f64 = -1.0;
+/// Step up to which forces are those of a moment [s]: shorter than any step of a run.
+pub const MOMENT_S: f64 = 2e-10;
 
 /// Force and rate coefficient at one penetration.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -166,6 +166,10 @@ pub struct PairRadii {
 }
 
 impl ContactLaw {
+    /// Of contacts whose forces do not follow from their overlap: no force that counts, but a touch.
+    pub const NONE: ContactLaw =
+        ContactLaw::HuntCrossley { stiffness_n_per_m_n: 1e-12, exponent: 1.5, damping_s_per_m: 0.0 };
+
     /// Elastic part at penetration `d` [m].
     pub fn elastic(&self, d: f64, radii: PairRadii) -> Elastic {
         if d <= 0.0 {
@@ -467,8 +471,10 @@ pub fn closed_form_step<const GROWS: bool>(k: f64, c: f64, s: StepInput, old: bo
     let slope_there = if falling { slope + bend * end } else { slope };
     let bend_there = if falling { sense * bend } else { 0.0 };
     let tail = rest * rest * rest * (bend_there * rest * (1.0 / 24.0) - slope_there * (1.0 / 6.0));
-    // What remembers a contact and is far off now has parted, however short the step.
-    let tail = if parting & (closed | old) & (d > NEAR_M) { tail } else { 0.0 };
+    // What remembers a contact and is further off now than it moves within the step has parted before.
+    let size = |x: f64| if x < 0.0 { 0.0 - x } else { x };
+    let near = d + h * (4.0 * size(s.free_rate) + 4.0 * h * size(others)) > 0.0;
+    let tail = if parting & (closed | old) & near { tail } else { 0.0 };
     let touching = closed & (force > 0.0);
     let coming = !closed & (s.free_rate > 0.0);
     let missed = if fresh { part } else { 0.0 };
@@ -497,7 +503,8 @@ pub fn closed_form_step<const GROWS: bool>(k: f64, c: f64, s: StepInput, old: bo
     } else {
         // A damper that would pull ends the force before the overlap does: what the spring still holds then, k d^2/2 with k d = -c d', is lost
         // with it. Seen from the nodes before and after, by their weights there.
-        let share = if parting & (closed | old) & !coming { rest * per_step } else { 0.0 };
+        // In a moment that is no step this is not told apart from a power: whoever looks at moments books it by himself.
+        let share = if parting & (closed | old) & !coming & (h > MOMENT_S) { rest * per_step } else { 0.0 };
         let kept_force = if force > 0.0 { force } else { 0.0 };
         let end_rate = rate + end * (others - 0.5 * w * kept_force);
         c * rate * rate * time * (0.5 * per_step) + share * (0.5 * c * c / k) * (end_rate * end_rate)
@@ -578,6 +585,9 @@ impl PeakMeter {
         step_s: f64,
         best: f64,
     ) -> Option<f64> {
+        if *law == ContactLaw::NONE {
+            return None;
+        }
         if matches!(law, ContactLaw::HertzLine(_)) {
             return None;
         }

@@ -7,12 +7,13 @@
 //! implicit scheme has steps without a solution.
 
 use super::StepError;
-use super::explicit::{self, Scratch};
+use super::explicit::{self, ContactGroup, Scratch};
 use crate::drive::Scheme;
+use crate::elements::contact_law::PairRadii;
 use crate::elements::coordinate::{CoordinateMotion, turned};
 use crate::elements::hydraulics::CoordinateStep;
 use crate::model::Model;
-use crate::state::{CoordinateState, State};
+use crate::state::{ContactMemory, CoordinateState, OilState, State};
 
 /// Lanes and coordinates that forces move, in the order of the vectors of a scheme: x, y and heading of every link and roller, then
 /// coordinates.
@@ -66,6 +67,13 @@ impl Freedoms {
 /// Arm of a roller, whose links have none [m]. Only scales what is small.
 const LEAST_ARM_M: f64 = 1e-3;
 
+/// What contacts remembered at the beginning of a step.
+struct BegunContacts {
+    contacts: Vec<ContactMemory>,
+    touches: ContactMemory,
+    bores: ContactMemory,
+}
+
 /// Evaluates forces where a scheme tries the motion to be.
 pub(super) struct InstantForces {
     /// With the window as its step.
@@ -76,9 +84,13 @@ pub(super) struct InstantForces {
     pub(super) freedoms: Freedoms,
     /// Where the step begins: positions, speeds of the node, oil.
     from: State,
+    /// What contacts remembered there.
+    begun: BegunContacts,
     /// Where it is tried.
     trial: State,
     scratch: Scratch,
+    /// The last moment whose contacts are kept: windows since the beginning of the step, the oil, where the coordinates stand.
+    kept: (u64, OilState, Vec<f64>),
     places_between: Vec<f64>,
     works: CoordinateState,
 }
@@ -95,7 +107,13 @@ impl InstantForces {
             step_s: model.step_s,
             freedoms: Freedoms::new(model),
             from: state.clone(),
+            begun: BegunContacts {
+                contacts: state.contacts.clone(),
+                touches: state.touches.clone(),
+                bores: state.bores.clone(),
+            },
             trial: state.clone(),
+            kept: (0, state.oil.clone(), state.coordinates.angle.clone()),
             places_between: vec![0.0; model.coordinates.len()],
             works: state.coordinates.clone(),
         }
@@ -119,8 +137,14 @@ impl InstantForces {
         self.trial.contacts.clone_from(&scratch.contacts);
         self.trial.touches.clone_from(&scratch.touches);
         self.trial.bores.clone_from(&scratch.bores.memory);
+        self.begun.contacts.clone_from(&scratch.contacts);
+        self.begun.touches.clone_from(&scratch.touches);
+        self.begun.bores.clone_from(&scratch.bores.memory);
         clear_losses(&mut self.trial);
         self.scratch.forget_contacts();
+        self.kept.0 = 0;
+        self.kept.1.clone_from(&state.oil);
+        self.kept.2.clone_from(&state.coordinates.angle);
         let half = 0.5 * self.step_s;
         let (l, q) = (&state.links, &state.coordinates);
         let accelerations = self.freedoms.gathered([&l.ax, &l.ay, &l.alpha], &q.alpha);
@@ -191,27 +215,31 @@ impl InstantForces {
         }
     }
 
-    /// Moves the oil from the beginning of the step to the trial.
+    /// Moves the oil from the moment that was kept last to the trial.
     fn move_oil(&mut self, ticks: u64) {
         let Some(oil) = &self.model.oil else { return };
-        if ticks == 0 {
-            self.trial.oil.clone_from(&self.from.oil);
+        let (since, kept_oil, from) = &self.kept;
+        self.trial.oil.clone_from(kept_oil);
+        if ticks == *since {
             return;
         }
-        let passed_s = ticks as f64 * self.model.step_s;
-        let (from, to) = (&self.from.coordinates.angle, &self.trial.coordinates.angle);
+        let passed_s = (ticks - since) as f64 * self.model.step_s;
+        let to = &self.trial.coordinates.angle;
         for ((middle, a), b) in self.places_between.iter_mut().zip(from).zip(to) {
             *middle = 0.5 * (a + b);
         }
         let speed: Vec<f64> = from.iter().zip(to).map(|(a, b)| (b - a) / passed_s).collect();
-        self.trial.oil.clone_from(&self.from.oil);
         let way = CoordinateStep { from, to, middle: &self.places_between, speed: &speed };
         oil.advance(passed_s, way, &mut self.trial.oil);
     }
 
-    /// What the contacts of the trial remember becomes the past of the next trials.
-    pub(super) fn keep_contacts(&mut self) {
-        let InstantForces { trial, scratch, .. } = self;
+    /// The trial, `ticks` windows after the beginning of the step, is where the next ones begin: with what its contacts remember, and its
+    /// oil.
+    pub(super) fn keep(&mut self, ticks: u64) {
+        let InstantForces { trial, scratch, kept, .. } = self;
+        kept.0 = ticks;
+        kept.1.clone_from(&trial.oil);
+        kept.2.clone_from(&trial.coordinates.angle);
         swap_contacts(trial, scratch);
         clear_losses(trial);
         scratch.forget_contacts();
@@ -243,6 +271,29 @@ impl InstantForces {
         columns_of_work(works).into_iter().for_each(|column| into.extend_from_slice(column));
     }
 
+    /// Adds what the springs of contacts still held that carried a force before and do not now: a damper that would pull has ended it. In the
+    /// order of [`InstantForces::touching`] and [`InstantForces::powers`].
+    pub(super) fn add_parted(&self, [before, now]: [&[bool]; 2], losses: &mut [f64]) {
+        let (model, scratch) = (&self.model, &self.scratch);
+        let (mut lane_at, mut loss_at) = (0, 0);
+        let has_parted = |at: usize| before[at] && !now[at];
+        for (memory, part) in scratch.contacts.iter().zip(ContactGroup::ALL) {
+            let len = memory.normal_force.len();
+            for lane in (0..len).filter(|lane| has_parted(lane_at + lane)) {
+                // The laws of which this is lost know a penetration alone.
+                let radii = PairRadii { bush_m: f64::NAN, body_m: f64::NAN };
+                let law = scratch.law(model, part, lane).filter(|law| law.linear_stiffness_n_per_m().is_some());
+                let depth_m = scratch.depth(part, lane);
+                losses[loss_at + lane] += law.map_or(0.0, |law| law.elastic(depth_m, radii).energy_j);
+            }
+            (lane_at, loss_at) = (lane_at + len, loss_at + 2 * len);
+        }
+        for (i, touch) in model.touches.iter().enumerate().filter(|(i, _)| has_parted(lane_at + i)) {
+            let gap_m = touch.shape.gap(&self.trial.coordinates.angle).gap_m;
+            losses[loss_at + i] += touch.law.elastic(-gap_m, touch.radii).energy_j;
+        }
+    }
+
     /// Adds what was lost and done to the accounts of a State.
     pub(super) fn add_to_accounts(amounts: &[f64], state: &mut State) {
         let State { contacts, touches, bores, lost_pin_damping, lost_pin_friction, coordinates, .. } = state;
@@ -254,6 +305,21 @@ impl InstantForces {
         for column in lost.chain(of_pins).chain(of_work) {
             for (sum, amount) in column.iter_mut().zip(amounts.by_ref()) {
                 *sum += amount;
+            }
+        }
+    }
+
+    /// What contacts that have begun within the step know of their touch, for the State at its end: they count as one step old.
+    pub(super) fn tell_touches(&self, state: &mut State) {
+        let of_trial = self.trial.contacts.iter().chain([&self.trial.touches, &self.trial.bores]);
+        let of_begin = self.begun.contacts.iter().chain([&self.begun.touches, &self.begun.bores]);
+        let State { contacts, touches, bores, .. } = state;
+        for ((own, now), begun) in contacts.iter_mut().chain([touches, bores]).zip(of_trial).zip(of_begin) {
+            for (lane, age) in now.age.iter().enumerate() {
+                // A contact that was there before has grown older with every moment that was kept.
+                if *age > 0.0 && *age <= begun.age[lane] || *age > 0.0 && begun.age[lane] == 0.0 {
+                    (own.age[lane], own.approach[lane]) = (1.0, now.approach[lane]);
+                }
             }
         }
     }
@@ -277,9 +343,13 @@ impl InstantForces {
             (q.omega[*k], q.alpha[*k]) = (speeds[n + at] - half * accelerations[n + at], accelerations[n + at]);
         }
         for k in &self.freedoms.prescribed {
-            // The speed of the step's middle, as the leapfrog has it.
-            (q.omega[*k], q.alpha[*k]) = ((end.angle[*k] - q.angle[*k]) / self.step_s, 0.0);
+            // The speed of the step's middle, as the leapfrog has it, and how it goes on from there.
+            let middle = (end.angle[*k] - q.angle[*k]) / self.step_s;
+            (q.omega[*k], q.alpha[*k]) = (middle, (end.omega[*k] - middle) / half);
         }
+        l.joint_ax.clone_from(&self.trial.links.joint_ax);
+        l.joint_ay.clone_from(&self.trial.links.joint_ay);
+        l.joint_alpha.clone_from(&self.trial.links.joint_alpha);
         q.angle.clone_from(&end.angle);
         q.cos.clone_from(&end.cos);
         q.sin.clone_from(&end.sin);
@@ -326,10 +396,17 @@ fn columns_of_work(q: &mut CoordinateState) -> [&mut Vec<f64>; 6] {
 /// Sets what contacts have lost to zero, so that a window's own loss can be read.
 pub(super) fn clear_losses(state: &mut State) {
     let State { contacts, touches, bores, .. } = state;
-    for memory in contacts.iter_mut().chain([touches, bores]) {
-        memory.lost_damping.fill(0.0);
-        memory.lost_friction.fill(0.0);
-    }
+    contacts.iter_mut().chain([touches, bores]).for_each(clear_lost);
+}
+
+fn clear_lost(memory: &mut ContactMemory) {
+    memory.lost_damping.fill(0.0);
+    memory.lost_friction.fill(0.0);
+}
+
+/// As [`clear_losses`], of what a Scratch found last: blocks that nobody looks at keep it.
+pub(super) fn clear_losses_of(scratch: &mut Scratch) {
+    scratch.contacts.iter_mut().chain([&mut scratch.touches, &mut scratch.bores.memory]).for_each(clear_lost);
 }
 
 /// Gives what contacts remember from a Scratch to a State, and the State's to the Scratch.

@@ -6,6 +6,7 @@ mod implicit;
 mod instant;
 mod link_row;
 mod predictor;
+mod rigid;
 pub mod scheme;
 pub mod step_bound;
 

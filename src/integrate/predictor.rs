@@ -15,13 +15,15 @@
 
 use super::StepError;
 use super::instant::InstantForces;
-use super::scheme::unsolved;
+use super::scheme::{SchemeSummary, unsolved};
 use crate::model::Model;
 
 /// The next step over the one that the error would bear.
 const CAUTION: f64 = 0.9;
 /// A step grows and shrinks by this at most.
 const MOST_GROWTH: f64 = 4.0;
+/// A step in which the chain comes apart is taken again with this part of it.
+const SHORTER: u64 = 8;
 /// Steps within one of the drive at most.
 const MOST_STEPS: u32 = 100_000;
 /// Difference of predictor and corrector over the error, for steps of one length.
@@ -37,6 +39,7 @@ pub(super) struct PredictorStep {
     losses: Vec<f64>,
     powers: [Vec<f64>; 2],
     touching: [Vec<bool>; 2],
+    pub(super) told: SchemeSummary,
 }
 
 /// The motion at a moment of a step, `ticks` windows after its beginning.
@@ -89,6 +92,7 @@ impl PredictorStep {
             losses: Vec::new(),
             powers: Default::default(),
             touching: Default::default(),
+            told: SchemeSummary::PredictorCorrector { own_steps: 0, changes: 0 },
         }
     }
 
@@ -117,7 +121,16 @@ impl PredictorStep {
             let is_long = |past: &&Past| past.1 * MOST_GROWTH > length as f64 * self.window_s;
             let change = at.change_since(past.as_ref().filter(is_long));
             let predicted = at.later(length, self.window_s, &change);
-            let forces = instant.accelerations(predicted.ticks, predicted.parts())?;
+            let forces = match instant.accelerations(predicted.ticks, predicted.parts()) {
+                Ok(forces) => forces,
+                // A chain that comes apart in a long step may hold in a shorter one.
+                Err(_) if length > 1 => {
+                    length = (length / SHORTER).max(1);
+                    usual = length;
+                    continue;
+                }
+                Err(e) => return Err(e),
+            };
             if length > 1 && self.differs(instant) {
                 length = self.last_before_change(instant, &at, &change, length)?.max(1);
                 continue;
@@ -133,7 +146,10 @@ impl PredictorStep {
             let mut next = at.later(length, self.window_s, &corrected);
             next.accelerations = instant.accelerations(next.ticks, next.parts())?;
             let is_same = self.take(instant, time_s);
-            instant.keep_contacts();
+            instant.keep(next.ticks);
+            if let SchemeSummary::PredictorCorrector { own_steps, changes } = &mut self.told {
+                (*own_steps, *changes) = (*own_steps + 1, *changes + u64::from(!is_same));
+            }
             past = is_same.then_some((at.accelerations, time_s));
             at = next;
             if at.ticks == whole {
@@ -154,7 +170,7 @@ impl PredictorStep {
         self.losses.clear();
         self.losses.extend(self.powers[0].iter().map(|power| -0.5 * self.step_s * power));
         instant.touching(&mut self.touching[0]);
-        instant.keep_contacts();
+        instant.keep(0);
     }
 
     /// Books a step, whose end has been evaluated; returns whether the same contacts carry a force as at its beginning.
@@ -166,6 +182,10 @@ impl PredictorStep {
         }
         self.powers.swap(0, 1);
         let is_same = !self.differs(instant);
+        if !is_same {
+            let [last, now] = &self.touching;
+            instant.add_parted([last, now], &mut self.losses);
+        }
         self.touching.swap(0, 1);
         is_same
     }
@@ -205,8 +225,13 @@ impl PredictorStep {
     /// Largest error of a speed [m/s], of what turns at its arm.
     fn error(&self, predicted: &Moment, forces: &[f64], time_s: f64) -> f64 {
         let apart = |i: usize| (forces[i] - predicted.accelerations[i]).abs() * self.arms_m[i];
-        0.5 * time_s / MILNE * (0..forces.len()).map(apart).fold(0.0, f64::max)
+        0.5 * time_s / MILNE * (0..forces.len()).map(apart).fold(0.0, largest)
     }
+}
+
+/// The larger of two sizes; what is no number is larger than all.
+pub(super) fn largest(most: f64, size: f64) -> f64 {
+    if size.is_nan() { f64::INFINITY } else { most.max(size) }
 }
 
 /// The next step, from the error of the last one over the tolerance. The error grows with the third power.

@@ -4,19 +4,70 @@
 //! leapfrog              explicit, contacts as means over a step                      super::explicit
 //! hht                   implicit, damps what its step does not resolve               super::implicit
 //! predictor_corrector   explicit, steps of its own by their error, ends at touches   super::predictor
+//! moreau                bushes and teeth, and parts that touch, as rigid bodies      super::rigid
 //! ```
 //! All leave a State of the same form, so that frames, ledger, impacts, break expressions and keyframes are one for all: positions of the
-//! node, speeds v - h/2 a, and accelerations, a step back for the leapfrog and of the node itself for the others. These evaluate the node
-//! and solve the step that follows in [`evaluate`], where it may fail; [`advance`] commits it.
+//! node, speeds v - h/2 a, and accelerations: a step back for the leapfrog and for Moreau's scheme, of the node itself for the two others. These
+//! evaluate the node and solve the step that follows in [`evaluate`], where it may fail; [`advance`] commits it.
 
 use super::explicit::{self, Scratch};
 use super::implicit::ImplicitStep;
-use super::instant::{InstantForces, clear_losses, evaluate_at_node, swap_contacts};
+use super::instant::{InstantForces, clear_losses, clear_losses_of, evaluate_at_node, swap_contacts};
 use super::predictor::PredictorStep;
-use super::{StepError, StepErrorKind};
+use super::rigid::RigidContacts;
+use super::{Isa, StepError, StepErrorKind};
 use crate::drive::Scheme;
 use crate::model::Model;
-use crate::state::{ContactMemory, State};
+use crate::state::{ContactMemory, LinkState, State};
+
+/// How a scheme has done in a run.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+#[serde(rename_all = "snake_case", tag = "name")]
+pub enum SchemeSummary {
+    /// Of Hilber, Hughes and Taylor.
+    Hht {
+        /// Steps that were solved less closely than others, because forces change at once where contacts begin.
+        borne_steps: u64,
+        /// Correction of a speed that was left in the worst of all steps [m/s].
+        left_m_s: f64,
+    },
+    /// Of predictor and corrector.
+    PredictorCorrector {
+        /// Steps of its own.
+        own_steps: u64,
+        /// Changes of the contacts that it stepped over.
+        changes: u64,
+    },
+    /// Of Moreau and Jean.
+    Moreau {
+        /// Rounds of the step that took most.
+        most_rounds: usize,
+        /// Change of a speed in the last round, the largest of all steps [m/s].
+        residual_m_s: f64,
+        /// Deepest overlap of rigid bodies [m].
+        deepest_m: f64,
+    },
+}
+
+impl SchemeSummary {
+    /// In a line.
+    pub fn text(&self) -> String {
+        match *self {
+            SchemeSummary::Hht { borne_steps, left_m_s } => format!(
+                "hht, speeds solved to {:.2e} m/s; in {borne_steps} steps no closer than {:.0e} m/s",
+                left_m_s,
+                super::implicit::SOLVED_M_S
+            ),
+            SchemeSummary::PredictorCorrector { own_steps, changes } => {
+                format!("predictor and corrector, {own_steps} steps of its own, {changes} over changes of contacts")
+            }
+            SchemeSummary::Moreau { most_rounds, residual_m_s, deepest_m } => format!(
+                "moreau, rigid contacts solved to {residual_m_s:.1e} m/s in at most {most_rounds} rounds; deepest overlap {:.2} um",
+                deepest_m * 1e6
+            ),
+        }
+    }
+}
 
 /// One whole step.
 pub fn step(model: &Model, state: &mut State, scratch: &mut Scratch) -> Result<(), StepError> {
@@ -33,6 +84,7 @@ pub fn step(model: &Model, state: &mut State, scratch: &mut Scratch) -> Result<(
 pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Result<(), StepError> {
     match model.scheme {
         Scheme::Leapfrog => explicit::evaluate(model, state, scratch),
+        Scheme::Moreau { restitution } => evaluate_rigid(model, restitution, state, scratch),
         Scheme::Hht { .. } | Scheme::PredictorCorrector { .. } => evaluate_node(model, state, scratch),
     }
 }
@@ -41,40 +93,76 @@ pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Result<(
 #[inline(always)]
 pub fn advance(model: &Model, state: &mut State, scratch: &mut Scratch) {
     match model.scheme {
-        Scheme::Leapfrog => explicit::advance(model, state, scratch),
+        Scheme::Leapfrog | Scheme::Moreau { .. } => explicit::advance(model, state, scratch),
         Scheme::Hht { .. } | Scheme::PredictorCorrector { .. } => advance_node(model, state, scratch),
     }
 }
 
-/// Turns a State of the leapfrog, with the step of `leapfrog`, into one of the scheme of `model`, at the same node.
+/// Turns a State of one model into one of another that is stepped otherwise, at the same node.
 ///
 /// # Errors
 /// As of [`evaluate`].
-pub fn begin(leapfrog: &Model, model: &Model, state: &mut State, scratch: &mut Scratch) -> Result<(), StepError> {
-    if model.scheme == Scheme::Leapfrog {
+pub fn convert(from: &Model, to: &Model, state: &mut State, isa: Isa) -> Result<(), StepError> {
+    if from.scheme == to.scheme {
+        if from.step_s != to.step_s {
+            state.restep(from.step_s, to.step_s);
+        }
         return Ok(());
     }
-    explicit::evaluate(leapfrog, state, scratch)?;
-    let (half, to_half) = (0.5 * leapfrog.step_s, 0.5 * model.step_s);
-    // Speeds of the node; accelerations by its forces follow.
+    let mut scratch = Scratch::with_isa(from, isa);
+    evaluate(from, state, &mut scratch)?;
+    // Speeds of the node, and accelerations there by its forces.
+    let half = 0.5 * from.step_s;
     shift_speeds(state, half, [&scratch.ax, &scratch.ay, &scratch.alpha], &scratch.coordinate_alpha);
-    let links = &mut state.links;
-    [&mut links.ax, &mut links.ay, &mut links.alpha].into_iter().for_each(|a| a.fill(0.0));
-    state.coordinates.alpha.fill(0.0);
-    let mut own = Scratch::with_isa(model, scratch.isa);
-    let mut work = SchemeWork::new(model, state, &own);
-    work.evaluate(model, state, &mut own)?;
-    let (links, s) = (&mut state.links, &own);
-    for (column, now) in [(&mut links.ax, &s.ax), (&mut links.ay, &s.ay), (&mut links.alpha, &s.alpha)] {
+    match to.scheme {
+        Scheme::Leapfrog | Scheme::Moreau { .. } => {
+            take_accelerations(state, &scratch);
+            state.coordinates.alpha.clone_from(&scratch.coordinate_alpha);
+        }
+        Scheme::Hht { .. } | Scheme::PredictorCorrector { .. } => {
+            let links = &mut state.links;
+            [&mut links.ax, &mut links.ay, &mut links.alpha].into_iter().for_each(|a| a.fill(0.0));
+            // What is prescribed goes on as it does; what is free is at the node until its accelerations are known.
+            let free = |k: usize| to.coordinates[k].is_free();
+            let alpha = &mut state.coordinates.alpha;
+            for k in 0..alpha.len() {
+                alpha[k] = if free(k) { 0.0 } else { scratch.coordinate_alpha[k] };
+                state.coordinates.omega[k] -= 0.5 * to.step_s * alpha[k];
+            }
+            let mut own = Scratch::with_isa(to, isa);
+            SchemeWork::new(to, state, &own).evaluate(to, state, &mut own)?;
+            take_accelerations(state, &own);
+            for k in (0..state.coordinates.alpha.len()).filter(|k| free(*k)) {
+                state.coordinates.alpha[k] = own.coordinate_alpha[k];
+                state.coordinates.omega[k] -= 0.5 * to.step_s * own.coordinate_alpha[k];
+            }
+            let LinkState { vx, vy, omega, ax, ay, alpha, .. } = &mut state.links;
+            for (speeds, accelerations) in [(vx, &*ax), (vy, &*ay), (omega, &*alpha)] {
+                speeds.iter_mut().zip(accelerations.iter()).for_each(|(v, a)| *v -= 0.5 * to.step_s * a);
+            }
+            return Ok(());
+        }
+    }
+    let LinkState { vx, vy, omega, ax, ay, alpha, .. } = &mut state.links;
+    for (speeds, accelerations) in [(vx, &*ax), (vy, &*ay), (omega, &*alpha)] {
+        speeds.iter_mut().zip(accelerations.iter()).for_each(|(v, a)| *v -= 0.5 * to.step_s * a);
+    }
+    let q = &mut state.coordinates;
+    q.omega.iter_mut().zip(&q.alpha).for_each(|(v, a)| *v -= 0.5 * to.step_s * a);
+    Ok(())
+}
+
+/// Accelerations of links as a Scratch has found them, and those by the joints alone.
+fn take_accelerations(state: &mut State, s: &Scratch) {
+    let l = &mut state.links;
+    for (column, now) in [(&mut l.ax, &s.ax), (&mut l.ay, &s.ay), (&mut l.alpha, &s.alpha)] {
         column.copy_from_slice(now);
     }
-    for (k, coordinate) in model.coordinates.iter().enumerate() {
-        state.coordinates.alpha[k] = if coordinate.is_free() { s.coordinate_alpha[k] } else { 0.0 };
+    for (column, now) in
+        [(&mut l.joint_ax, &s.joint_ax), (&mut l.joint_ay, &s.joint_ay), (&mut l.joint_alpha, &s.joint_alpha)]
+    {
+        column.copy_from_slice(now);
     }
-    let links = state.links.clone();
-    let alpha = state.coordinates.alpha.clone();
-    shift_speeds(state, -to_half, [&links.ax, &links.ay, &links.alpha], &alpha);
-    Ok(())
 }
 
 /// Adds `time_s` times accelerations to the speeds of links and coordinates.
@@ -119,7 +207,7 @@ impl SchemeWork {
     fn new(model: &Model, state: &State, scratch: &Scratch) -> SchemeWork {
         let window_bits = match model.scheme {
             Scheme::Hht { .. } => IMPLICIT_WINDOW_BITS,
-            Scheme::Leapfrog | Scheme::PredictorCorrector { .. } => PREDICTOR_WINDOW_BITS,
+            Scheme::Leapfrog | Scheme::Moreau { .. } | Scheme::PredictorCorrector { .. } => PREDICTOR_WINDOW_BITS,
         };
         let instant = InstantForces::new(model, state, window_bits, scratch);
         let method = match model.scheme {
@@ -127,7 +215,7 @@ impl SchemeWork {
             Scheme::PredictorCorrector { tolerance_m_s } => {
                 Method::Predictor(Box::new(PredictorStep::new(model, &instant, tolerance_m_s)))
             }
-            Scheme::Leapfrog => Method::None,
+            Scheme::Leapfrog | Scheme::Moreau { .. } => Method::None,
         };
         let windowed = model.stepped_by(Scheme::Leapfrog, instant.window_s());
         SchemeWork { instant, windowed, node: state.clone(), method, by_forces: Vec::new(), end: Default::default() }
@@ -149,6 +237,7 @@ impl SchemeWork {
             node.coordinates.alpha[k] = 0.0;
         }
         scratch.forget_contacts();
+        clear_losses_of(scratch);
         let prescribed: Vec<f64> = scratch.coordinate_alpha.clone();
         evaluate_at_node(&self.windowed, node, scratch)?;
         self.by_forces = self.instant.gathered(scratch);
@@ -172,6 +261,30 @@ fn over_the_step(now: &mut ContactMemory, past: &ContactMemory, windows: f64) {
     }
     for (lost, before) in now.lost_friction.iter_mut().zip(&past.lost_friction) {
         *lost = before + windows * *lost;
+    }
+}
+
+/// The forces of a node as the leapfrog has them, and those of rigid contacts.
+#[cold]
+fn evaluate_rigid(model: &Model, restitution: f64, state: &State, scratch: &mut Scratch) -> Result<(), StepError> {
+    explicit::evaluate(model, state, scratch)?;
+    let kept = scratch.of_scheme.take().and_then(|work| work.downcast::<RigidContacts>().ok());
+    let mut work = kept.unwrap_or_default();
+    let found = work.add(model, restitution, state, scratch);
+    scratch.of_scheme = Some(work);
+    found
+}
+
+/// How a scheme that is not the leapfrog has done since `scratch` was made; None: it is the leapfrog.
+pub fn summary(scratch: &Scratch) -> Option<SchemeSummary> {
+    let work = scratch.of_scheme.as_ref()?;
+    if let Some(rigid) = work.downcast_ref::<RigidContacts>() {
+        return Some(rigid.told);
+    }
+    match &work.downcast_ref::<SchemeWork>()?.method {
+        Method::Implicit(step) => Some(step.told),
+        Method::Predictor(step) => Some(step.told),
+        Method::None => None,
     }
 }
 
@@ -222,6 +335,7 @@ fn advance_node(model: &Model, state: &mut State, scratch: &mut Scratch) {
     explicit::add_work(model, &mut state.coordinates, scratch, (h, |k: usize| speeds[k]));
     if let Method::Predictor(step) = &work.method {
         InstantForces::add_to_accounts(step.losses(), state);
+        work.instant.tell_touches(state);
     }
     work.instant.finish(&work.end, state);
     scratch.of_scheme = Some(work);

@@ -269,7 +269,8 @@ impl Touch {
             free_acceleration: -dot(gap.slope, moving.acceleration) - turning,
             mobility: mobility(gap.slope),
             past_force: past.normal_force,
-            approach: past.approach,
+            // Where it begins, its speed is that of its touch.
+            approach: if past.age > 0.0 { past.approach } else { -dot(gap.slope, speed) },
             step: step_s,
         };
         let law: StepForce = match self.law.closed_form() {

@@ -356,6 +356,11 @@ impl Scratch {
         self.groups.iter_mut().for_each(|group| group.stale.fill(2));
     }
 
+    /// Adds a force of parts that touch to a coordinate.
+    pub(in crate::integrate) fn add_part_force(&mut self, coordinate: usize, force: f64) {
+        self.parts_force[coordinate] += force;
+    }
+
     /// Force on link j + 1 at joint `j` [N], and friction torque on it [N m].
     pub fn joint_force(&self, j: usize) -> (f64, f64, f64) {
         (self.joint_x.values()[j], self.joint_y.values()[j], self.joint_torque.values()[j])

@@ -2,6 +2,8 @@
 
 use super::super::frame::{Energy, Links};
 use super::{Node, SortedContacts};
+use crate::drive::Scheme;
+use crate::elements::coordinate::{Coordinate, CoordinateMotion};
 use crate::elements::link_joint::LinkJoint;
 use crate::integrate::explicit::{ContactGroup, Scratch, rollers, shafts, touches};
 use crate::integrate::{VectorKernel, vectorised};
@@ -133,6 +135,21 @@ fn kinetic_of_rollers(model: &Model, state: &State, scratch: &Scratch) -> f64 {
     c.all_rollers().map(of).sum()
 }
 
+/// What the kinetic energies before and after a step's impulses are in the mean above that of the mean speeds [J]: impacts of rigid bodies
+/// change speeds within a node.
+fn kinetic_of_impacts(model: &Model, scratch: &Scratch) -> f64 {
+    let (c, half) = (&model.chain, 0.5 * model.step_s);
+    let of = |i: usize| {
+        let [x, y, turn] = [scratch.ax[i], scratch.ay[i], scratch.alpha[i]].map(|a| half * a);
+        kinetic(x, y, turn, [c.mass[i], c.inertia[i], c.inverse_mass[i]])
+    };
+    let turned = |(k, coordinate): (usize, &Coordinate)| match coordinate.motion {
+        CoordinateMotion::Free { inertia, .. } => 0.5 * inertia * (half * scratch.coordinate_alpha[k]).powi(2),
+        CoordinateMotion::Prescribed { .. } => 0.0,
+    };
+    c.links().map(of).sum::<f64>() + model.coordinates.iter().enumerate().map(turned).sum::<f64>()
+}
+
 /// All energies at the node; losses and work since the State's ledger was opened.
 pub(super) fn ledger(node: &Node<'_>, links: &Links, rows: &SortedContacts) -> Energy {
     vectorised(node.scratch.isa, LedgerKernel { node, links, rows })
@@ -170,6 +187,9 @@ impl VectorKernel for LedgerKernel<'_> {
             e.elastic_oil_j = oil.stored_j(&state.oil);
             e.lost_oil_j = state.oil.lost_j.iter().sum();
             e.work_oil_j = state.oil.work_j.iter().sum();
+        }
+        if let Scheme::Moreau { .. } = model.scheme {
+            e.kinetic_j += kinetic_of_impacts(model, scratch);
         }
         e.elastic_contact_j = rows.iter().map(|r| r.stored_j).sum::<f64>() + stored_j;
         (e.lost_contact_damping_j, e.lost_contact_friction_j) = (damping_j, friction_j);
