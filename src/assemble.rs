@@ -315,7 +315,8 @@ fn assemble_from(drive: &Drive, isa: Isa, shared: Option<&SharedParts>) -> Resul
     } else {
         let leapfrog = model.stepped_by(Scheme::Leapfrog, run_in_step_s);
         let steadiness = run_in(drive, &leapfrog, &mut state, isa).map_err(AssemblyError::RunIn)?;
-        scheme::convert(&leapfrog, &model, &mut state, isa).map_err(AssemblyError::RunIn)?;
+        let recorded = model.clone().for_its_scheme();
+        scheme::convert(&leapfrog, &recorded, &mut state, isa).map_err(AssemblyError::RunIn)?;
         steadiness
     };
     let mean = |t: &[f64]| t.iter().sum::<f64>() / t.len() as f64;
@@ -364,7 +365,7 @@ fn assemble_from(drive: &Drive, isa: Isa, shared: Option<&SharedParts>) -> Resul
         stillness,
         tension_drift,
     };
-    Ok(Assembly { model, state, report })
+    Ok(Assembly { model: model.for_its_scheme(), state, report })
 }
 
 /// Sliders with their tips, at rest.
@@ -498,7 +499,7 @@ fn choose_step(drive: &Drive, model: &Model, bound: &StepBound) -> Result<f64, A
     }
 }
 
-/// Way of a chain in a step of a scheme that bears any [m]: contacts are looked for about where it begins.
+/// Way of a chain in a step of a scheme that bears any [m]: contacts are looked for once, about where it may end.
 const FARTHEST_STEP_M: f64 = 0.2 * WINDOW_MARGIN_M;
 
 /// Displacement of the tightening sprocket at which the mean tension is the preload, and the tensions over the phases.

@@ -2,7 +2,8 @@
 //!
 //! All columns are f64 arrays in chain order, so that a step runs over them without gather, and so that hash, keyframe and
 //! resume share one list. The scheme is a leapfrog: positions belong to step `step`, velocities to half a step before it,
-//! accelerations to the step before; together they give the velocity at the step itself.
+//! accelerations to the step before; together they give the velocity at the step itself. Other schemes keep this form, with accelerations of the
+//! step itself ([`crate::integrate::scheme`]).
 //!
 //! Arrays are padded with inert lanes to a multiple of the lane width; what lies behind the last link is neither hashed nor saved.
 

@@ -10,7 +10,7 @@ use pitchline::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMoti
 use pitchline::elements::link_joint::LinkJoint;
 use pitchline::geometry::chain::bush::{BushChain, RowSpec};
 use pitchline::geometry::unit;
-use pitchline::integrate::explicit::Scratch;
+use pitchline::integrate::explicit::{ContactGroup, Scratch};
 use pitchline::integrate::{Isa, scheme};
 use pitchline::model::Model;
 use pitchline::pairs::part_part::{Touch, TouchShape};
@@ -219,7 +219,7 @@ fn schemes_agree_on_a_chain() {
         let (_, state, ledger) = set("predictor_corrector", &format!("run.step_us=4 run.tolerance_um_s={tolerance}"));
         let off = apart_m(&state, &exact, &model);
         println!("predictor and corrector at {tolerance} um/s: {:.3} nm, ledger {ledger:.1e}", off * 1e9);
-        assert!(!(off > 0.7 * before), "it falls with the tolerance");
+        assert!(before.is_nan() || off < 0.7 * before, "it falls with the tolerance");
         before = off;
     }
     assert!(before < 5e-9, "{before}");
@@ -381,7 +381,7 @@ fn a_chain_runs_on_rigid_teeth() {
     );
     assert!((rigid / elastic - 1.0).abs() < 0.05 && contacts > 1000);
     // Joints see a step's impulses one step late.
-    assert!(error.abs() < 4e-4 && finer.abs() < 0.7 * error.abs());
+    assert!(error.abs() < 2e-3 && finer.abs() < 0.5 * error.abs());
 }
 
 /// A node that is evaluated twice, or looked at more or less often, is the same node.
@@ -466,5 +466,33 @@ fn every_law_holds_under_every_scheme() {
             );
             assert!(worst[0] < off && worst[1] < ledger && worst[2] < touch, "{worst:?}");
         }
+    }
+}
+
+/// First touches of bushes and their speeds of approach are those of the leapfrog with a short step, also where nodes are far apart.
+#[test]
+fn touches_have_the_same_speeds() {
+    let touches = |set: &[&str]| {
+        let a = assembled(&bundled("bush-20-40", set));
+        let (mut state, mut scratch) = (a.state, Scratch::new(&a.model));
+        let mut found: Vec<(usize, f64)> = Vec::new();
+        for _ in 0..(2e-3 / a.model.step_s).round() as u64 {
+            scheme::evaluate(&a.model, &state, &mut scratch).expect("a solution");
+            let memory = scratch.memory(ContactGroup::Bushes);
+            for lane in (0..90).filter(|lane| memory.age[*lane] == 1.0 && memory.approach[*lane] > 0.4) {
+                found.push((lane, memory.approach[lane]));
+            }
+            scheme::advance(&a.model, &mut state, &mut scratch);
+        }
+        // Two that touch at nearly the same time may change places.
+        found.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+        found
+    };
+    let exact = touches(&["run.scheme=\"leapfrog\"", "run.step_us=0.25"]);
+    for (scheme, step, share) in [("predictor_corrector", "5", 0.03), ("hht", "1", 0.1)] {
+        let own = touches(&[&format!("run.scheme=\"{scheme}\""), &format!("run.step_us={step}")]);
+        println!("{scheme}: {own:.3?}\nexact: {exact:.3?}");
+        let same = exact.iter().zip(&own).filter(|((a, u), (b, v))| a == b && (u / v - 1.0).abs() < share).count();
+        assert!(exact.len() >= 4 && own.len() == exact.len() && same == exact.len(), "{scheme}: {same}");
     }
 }

@@ -309,7 +309,7 @@ impl InstantForces {
         }
     }
 
-    /// What contacts that have begun within the step know of their touch, for the State at its end: they count as one step old.
+    /// What contacts that have begun within the step know of their touch, for the State at its end: a speed of approach, and no age yet.
     pub(super) fn tell_touches(&self, state: &mut State) {
         let of_trial = self.trial.contacts.iter().chain([&self.trial.touches, &self.trial.bores]);
         let of_begin = self.begun.contacts.iter().chain([&self.begun.touches, &self.begun.bores]);
@@ -317,8 +317,8 @@ impl InstantForces {
         for ((own, now), begun) in contacts.iter_mut().chain([touches, bores]).zip(of_trial).zip(of_begin) {
             for (lane, age) in now.age.iter().enumerate() {
                 // A contact that was there before has grown older with every moment that was kept.
-                if *age > 0.0 && *age <= begun.age[lane] || *age > 0.0 && begun.age[lane] == 0.0 {
-                    (own.age[lane], own.approach[lane]) = (1.0, now.approach[lane]);
+                if *age > 0.0 && (*age <= begun.age[lane] || begun.age[lane] == 0.0) {
+                    (own.age[lane], own.approach[lane]) = (0.0, now.approach[lane]);
                 }
             }
         }
@@ -391,6 +391,33 @@ fn prescribed(model: &Model, from: &State, step_s: f64, passed_s: f64, k: usize)
 /// The accounts of coordinates.
 fn columns_of_work(q: &mut CoordinateState) -> [&mut Vec<f64>; 6] {
     [&mut q.work_in, &mut q.work_out, &mut q.lost, &mut q.lost_load, &mut q.lost_coupling, &mut q.lost_span]
+}
+
+/// Contacts of a State that know of their touch without an age: before forces are looked for they count as old, and behind that as new.
+pub(super) fn ages_of_told(state: &mut State, told: &mut Vec<(usize, usize)>) {
+    told.clear();
+    let State { contacts, touches, bores, .. } = state;
+    for (set, memory) in contacts.iter_mut().chain([touches, bores]).enumerate() {
+        for lane in 0..memory.age.len() {
+            if memory.age[lane] == 0.0 && memory.approach[lane] > 0.0 {
+                memory.age[lane] = 1.0;
+                told.push((set, lane));
+            }
+        }
+    }
+}
+
+/// As new, those of [`ages_of_told`] that still touch.
+pub(super) fn renew_told(scratch: &mut Scratch, told: &[(usize, usize)]) {
+    let n = scratch.contacts.len();
+    for (set, lane) in told {
+        let memory = match set.checked_sub(n) {
+            None => &mut scratch.contacts[*set],
+            Some(0) => &mut scratch.touches,
+            Some(_) => &mut scratch.bores.memory,
+        };
+        memory.age[*lane] = memory.age[*lane].min(1.0);
+    }
 }
 
 /// Sets what contacts have lost to zero, so that a window's own loss can be read.

@@ -45,8 +45,7 @@ impl Default for RigidContacts {
 struct RigidContact {
     of: Place,
     link: Option<OnLink>,
-    /// Coordinates, with what an impulse along normal and tangent gives to each.
-    coordinates: Vec<(usize, [f64; 2])>,
+    coordinates: Shares,
     /// Speed along normal and tangent by a unit impulse along it [1/kg].
     mobility: [f64; 2],
     friction: f64,
@@ -56,6 +55,9 @@ struct RigidContact {
     impulse: [f64; 2],
     depth_m: f64,
 }
+
+/// Coordinates, with what an impulse along normal and tangent gives to each.
+type Shares = Vec<(usize, [f64; 2])>;
 
 /// Where a contact stands in the columns of Scratch.
 #[derive(Clone, Copy)]
@@ -147,7 +149,7 @@ impl RigidContacts {
                 let normal = Vec2::new(cos * n.x - sin * n.y, sin * n.x + cos * n.y);
                 let point = centre - normal * radius_m;
                 let from_link = point - (centre - along);
-                let mut coordinates: Vec<(usize, [f64; 2])> = Vec::new();
+                let mut coordinates: Shares = Vec::new();
                 let mut directions = [[0.0; 3]; 2];
                 for (side, direction) in [normal, perp(normal)].into_iter().enumerate() {
                     directions[side] = [direction.x, direction.y, cross(from_link, direction)];
@@ -179,7 +181,7 @@ impl RigidContacts {
         &mut self,
         model: &Model,
         state: &State,
-        (of, link, coordinates): (Place, Option<OnLink>, Vec<(usize, [f64; 2])>),
+        (of, link, coordinates): (Place, Option<OnLink>, Shares),
         (friction, past_n, depth_m): (f64, [f64; 2], f64),
     ) {
         let mut mobility = [0.0; 2];

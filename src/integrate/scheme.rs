@@ -12,7 +12,9 @@
 
 use super::explicit::{self, Scratch};
 use super::implicit::ImplicitStep;
-use super::instant::{InstantForces, clear_losses, clear_losses_of, evaluate_at_node, swap_contacts};
+use super::instant::{
+    InstantForces, ages_of_told, clear_losses, clear_losses_of, evaluate_at_node, renew_told, swap_contacts,
+};
 use super::predictor::PredictorStep;
 use super::rigid::RigidContacts;
 use super::{Isa, StepError, StepErrorKind};
@@ -190,6 +192,7 @@ struct SchemeWork {
     windowed: Model,
     node: State,
     method: Method,
+    told_touches: Vec<(usize, usize)>,
     /// Accelerations by the forces of the node.
     by_forces: Vec<f64>,
     /// Speeds and accelerations at the end of the step.
@@ -218,7 +221,15 @@ impl SchemeWork {
             Scheme::Leapfrog | Scheme::Moreau { .. } => Method::None,
         };
         let windowed = model.stepped_by(Scheme::Leapfrog, instant.window_s());
-        SchemeWork { instant, windowed, node: state.clone(), method, by_forces: Vec::new(), end: Default::default() }
+        SchemeWork {
+            instant,
+            windowed,
+            node: state.clone(),
+            method,
+            told_touches: Vec::new(),
+            by_forces: Vec::new(),
+            end: Default::default(),
+        }
     }
 
     /// Forces at the node, into Scratch, with its own accelerations.
@@ -239,7 +250,9 @@ impl SchemeWork {
         scratch.forget_contacts();
         clear_losses_of(scratch);
         let prescribed: Vec<f64> = scratch.coordinate_alpha.clone();
+        ages_of_told(node, &mut self.told_touches);
         evaluate_at_node(&self.windowed, node, scratch)?;
+        renew_told(scratch, &self.told_touches);
         self.by_forces = self.instant.gathered(scratch);
         let windows = self.instant.ticks() as f64;
         for (now, past) in scratch.contacts.iter_mut().zip(&state.contacts) {

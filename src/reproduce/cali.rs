@@ -783,7 +783,7 @@ fn c27(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     Ok(ClaimAnswer::new(
         ClaimVerdict::trend(most / least > 1.1),
         format!(
-            "largest force of a joint at 4000 1/min: {reference:.1} N by predictor and corrector at 10 um/s; explicit {:+.1} % with the default step and {:+.1} % with 1.9 us; HHT with {}",
+            "largest force of a joint at 4000 1/min: {reference:.1} N by predictor and corrector at 10 um/s; explicit {:+.1} % with the default step and {:+.1} % with 1.9 us; HHT with {}. No force jumps where a contact begins here, as it does with constant damping",
             100.0 * (peak[1] / reference - 1.0),
             100.0 * (peak[2] / reference - 1.0),
             told.join("; ")
