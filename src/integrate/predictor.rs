@@ -44,7 +44,7 @@ pub(super) struct PredictorStep {
 
 /// The motion at a moment of a step, `ticks` windows after its beginning.
 #[derive(Clone)]
-struct Moment {
+struct StepMoment {
     ticks: u64,
     moved: Vec<f64>,
     speeds: Vec<f64>,
@@ -54,9 +54,9 @@ struct Moment {
 /// An acceleration before the last moment, and the time that has passed since [s].
 type Past = (Vec<f64>, f64);
 
-impl Moment {
+impl StepMoment {
     /// The motion `ticks` windows later, where the acceleration changes by so much per second.
-    fn later(&self, ticks: u64, window_s: f64, change_per_s: &[f64]) -> Moment {
+    fn later(&self, ticks: u64, window_s: f64, change_per_s: &[f64]) -> StepMoment {
         let time_s = ticks as f64 * window_s;
         let mut next = self.clone();
         next.ticks += ticks;
@@ -110,7 +110,7 @@ impl PredictorStep {
     ) -> Result<[Vec<f64>; 2], StepError> {
         let whole = instant.ticks();
         let (moved, speeds, accelerations) = (vec![0.0; speeds.len()], speeds.to_vec(), accelerations.to_vec());
-        let mut at = Moment { ticks: 0, moved, speeds, accelerations };
+        let mut at = StepMoment { ticks: 0, moved, speeds, accelerations };
         at.accelerations = instant.accelerations(0, at.parts())?;
         self.begin(instant);
         let mut past: Option<Past> = None;
@@ -208,7 +208,7 @@ impl PredictorStep {
     fn last_before_change(
         &mut self,
         instant: &mut InstantForces,
-        at: &Moment,
+        at: &StepMoment,
         change: &[f64],
         length: u64,
     ) -> Result<u64, StepError> {
@@ -223,7 +223,7 @@ impl PredictorStep {
     }
 
     /// Largest error of a speed [m/s], of what turns at its arm.
-    fn error(&self, predicted: &Moment, forces: &[f64], time_s: f64) -> f64 {
+    fn error(&self, predicted: &StepMoment, forces: &[f64], time_s: f64) -> f64 {
         let apart = |i: usize| (forces[i] - predicted.accelerations[i]).abs() * self.arms_m[i];
         0.5 * time_s / MILNE * (0..forces.len()).map(apart).fold(0.0, largest)
     }

@@ -43,7 +43,7 @@ impl Default for RigidContacts {
 
 /// A closed contact: how its speeds follow from those of bodies, and its impulses.
 struct RigidContact {
-    of: Place,
+    of: ContactPlace,
     link: Option<OnLink>,
     coordinates: Shares,
     /// Speed along normal and tangent by a unit impulse along it [1/kg].
@@ -61,7 +61,7 @@ type Shares = Vec<(usize, [f64; 2])>;
 
 /// Where a contact stands in the columns of Scratch.
 #[derive(Clone, Copy)]
-enum Place {
+enum ContactPlace {
     Bush(usize),
     Touch(usize),
 }
@@ -119,7 +119,7 @@ impl RigidContacts {
                 both.to_vec()
             };
             let past = [state.touches.normal_force[i], state.touches.tangential_force[i]];
-            self.push(model, state, (Place::Touch(i), None, coordinates), (touch.friction, past, -gap.gap_m));
+            self.push(model, state, (ContactPlace::Touch(i), None, coordinates), (touch.friction, past, -gap.gap_m));
         }
         self.on_coordinates = unit;
     }
@@ -171,7 +171,7 @@ impl RigidContacts {
                 let inverse = [c.inverse_mass[link], c.inverse_mass[link], c.inverse_inertia[link]];
                 let on_link = OnLink { lane: link, directions, inverse };
                 let past = [memory.normal_force[j], memory.tangential_force[j]];
-                let of = (Place::Bush(j), Some(on_link), coordinates);
+                let of = (ContactPlace::Bush(j), Some(on_link), coordinates);
                 self.push(model, state, of, (sprocket.body.friction, past, hit.touch.penetration_m));
             }
         }
@@ -181,7 +181,7 @@ impl RigidContacts {
         &mut self,
         model: &Model,
         state: &State,
-        (of, link, coordinates): (Place, Option<OnLink>, Shares),
+        (of, link, coordinates): (ContactPlace, Option<OnLink>, Shares),
         (friction, past_n, depth_m): (f64, [f64; 2], f64),
     ) {
         let mut mobility = [0.0; 2];
@@ -292,8 +292,8 @@ impl RigidContact {
             for (k, share) in &self.coordinates {
                 scratch.coordinate_alpha[*k] += inverse_inertia(model, *k) * share[side] * force;
                 match self.of {
-                    Place::Bush(_) => scratch.chain_torque[*k] += share[side] * force,
-                    Place::Touch(_) => scratch.add_part_force(*k, share[side] * force),
+                    ContactPlace::Bush(_) => scratch.chain_torque[*k] += share[side] * force,
+                    ContactPlace::Touch(_) => scratch.add_part_force(*k, share[side] * force),
                 }
             }
         }
@@ -305,11 +305,11 @@ impl RigidContact {
         let after = self.end_speeds(state, scratch, h);
         let lost = |side: usize| -self.impulse[side] * 0.5 * (self.before[side] + after[side]);
         let (memory, past, at) = match self.of {
-            Place::Bush(j) => {
+            ContactPlace::Bush(j) => {
                 let group = ContactGroup::Bushes.index();
                 (&mut scratch.contacts[group], &state.contacts[group], j)
             }
-            Place::Touch(i) => (&mut scratch.touches, &state.touches, i),
+            ContactPlace::Touch(i) => (&mut scratch.touches, &state.touches, i),
         };
         (memory.normal_force[at], memory.tangential_force[at]) = (self.impulse[0] / h, self.impulse[1] / h);
         memory.lost_damping[at] = past.lost_damping[at] + lost(0);
