@@ -473,7 +473,15 @@ fn choose_step(drive: &Drive, model: &Model, bound: &StepBound) -> Result<f64, A
             "take `chain.bush.rollers.body` = \"link\", or another scheme".to_string(),
         );
     }
-    let seats_bushes = model.sprockets.iter().any(|s| s.geometry.iso().is_some());
+    let seats_bushes =
+        model.sprockets.iter().any(|s| s.geometry.iso().is_some()) && model.chain.links().next().is_some();
+    let lifts = model.touches.iter().any(|t| matches!(t.shape, TouchShape::Cam(_)));
+    if let Scheme::Moreau { .. } = model.scheme
+        && (model.has_films() || lifts)
+    {
+        let title = "`run.scheme` = \"moreau\" does not solve films of bearings and valves".to_string();
+        return refused("run.scheme", title, "take another scheme".to_string());
+    }
     if let Scheme::Moreau { .. } = model.scheme
         && !seats_bushes
         && model.touches.is_empty()
@@ -482,7 +490,7 @@ fn choose_step(drive: &Drive, model: &Model, bound: &StepBound) -> Result<f64, A
         return refused("run.scheme", title, "contours of links keep their laws; take another scheme".to_string());
     }
     let fastest_m_s = model.chain_speeds_m_s.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
-    let farthest_s = FARTHEST_STEP_M / fastest_m_s.max(1e-3);
+    let farthest_s = (FARTHEST_STEP_M / fastest_m_s.max(1e-3)).min(LONGEST_STEP_S);
     match (drive.run.step_s, model.scheme) {
         (None, _) => Ok(would_do),
         (Some(step), Scheme::Leapfrog | Scheme::Moreau { .. }) if step <= bound.step_s => Ok(step),
@@ -499,6 +507,8 @@ fn choose_step(drive: &Drive, model: &Model, bound: &StepBound) -> Result<f64, A
     }
 }
 
+/// Longest step of a scheme that bears any [s]: 2^-20 of it is still a moment to contacts.
+const LONGEST_STEP_S: f64 = 2e-4;
 /// Way of a chain in a step of a scheme that bears any [m]: contacts are looked for once, about where it may end.
 const FARTHEST_STEP_M: f64 = 0.2 * WINDOW_MARGIN_M;
 

@@ -9,12 +9,13 @@ use pitchline::elements::contact_law::{ContactLaw, PairRadii, restitution_hyster
 use pitchline::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
 use pitchline::elements::link_joint::LinkJoint;
 use pitchline::geometry::chain::bush::{BushChain, RowSpec};
-use pitchline::geometry::unit;
+use pitchline::geometry::{Vec2, unit};
 use pitchline::integrate::explicit::{ContactGroup, Scratch};
 use pitchline::integrate::{Isa, scheme};
 use pitchline::model::Model;
-use pitchline::pairs::part_part::{Touch, TouchShape};
+use pitchline::pairs::part_part::{Pad, Touch, TouchShape};
 use pitchline::recording::capture::Camera;
+use pitchline::simulate::Simulation;
 use pitchline::state::State;
 use std::f64::consts::PI;
 
@@ -259,8 +260,8 @@ fn every_bundled_drive_runs_under_other_schemes() {
 /// Any vector unit, and a run that goes on from a keyframe, give the same bits.
 #[test]
 fn schemes_give_the_same_bits() {
-    for scheme in ["hht", "predictor_corrector"] {
-        let drive = bundled("bush-20-40", &[&format!("run.scheme=\"{scheme}\""), "run.step_us=10"]);
+    for (scheme, step) in [("hht", "10"), ("predictor_corrector", "10"), ("moreau", "2")] {
+        let drive = bundled("bush-20-40", &[&format!("run.scheme=\"{scheme}\""), &format!("run.step_us={step}")]);
         let step = |model: &Model, state: &mut State, scratch: &mut Scratch, steps: u32| {
             for _ in 0..steps {
                 scheme::step(model, state, scratch).expect("the run holds");
@@ -305,7 +306,7 @@ fn what_schemes_cannot_do_is_refused() {
     refused(text, &["run.scheme=\"euler\""], "none of \"leapfrog\"");
 }
 
-/// A closed contact keeps the speed that Newton's law of impact says, whatever bodies it is between, and gives them no momentum together.
+/// A mass that strikes a rigid stop comes back as Newton's law of impact says, and the ledger holds what is gone.
 #[test]
 fn rigid_parts_part_as_newton_says() {
     for restitution in [0.0, 0.4, 1.0] {
@@ -495,4 +496,91 @@ fn touches_have_the_same_speeds() {
         let same = exact.iter().zip(&own).filter(|((a, u), (b, v))| a == b && (u / v - 1.0).abs() < share).count();
         assert!(exact.len() >= 4 && own.len() == exact.len() && same == exact.len(), "{scheme}: {same}");
     }
+}
+
+/// A slider's tip strikes the pad of an arm: both are rigid and free. They part with the restitution of their closing speed, and what one
+/// loses of its impulse the other gains, each by its lever; with friction as well, which turns against the sliding and stays within its cone.
+#[test]
+fn a_rigid_tip_strikes_an_arm() {
+    for (restitution, friction) in [(0.0, 0.0), (0.5, 0.2), (1.0, 0.0)] {
+        let step_s = 1e-6;
+        let (mass, inertia) = (0.02, 3e-5);
+        let (mut model, links) = slider(Scheme::Moreau { restitution }, step_s, mass, CoordinateSpring::default());
+        let arm = Coordinate {
+            path: "arms.arm".into(),
+            kind: CoordinateKind::Turns,
+            motion: CoordinateMotion::Free { inertia, load: 0.0 },
+            ..model.coordinates[0].clone()
+        };
+        model.coordinates.push(arm);
+        model.touches.push(Touch {
+            path: "tip".into(),
+            shape: TouchShape::Tip {
+                slider: 0,
+                centre: Vec2::new(0.04, -3e-3),
+                direction: Vec2::new(0.0, 1.0),
+                radius_m: 2e-3,
+                arm: 1,
+                pivot: Vec2::zeros(),
+                pad: Pad::Flat { normal: unit(-0.5 * PI + 0.3), offset_m: -0.012 },
+            },
+            law: ContactLaw::NONE,
+            friction,
+            stick_speed_m_s: 1.0,
+            radii: PairRadii { bush_m: 2e-3, body_m: f64::INFINITY },
+        });
+        let mut state = State::at_rest(&model.layout());
+        state.links.clone_from(&links.links);
+        let mut scratch = Scratch::new(&model);
+        let gap = |state: &State| model.touches[0].shape.gap(&state.coordinates.angle);
+        let begin = gap(&state);
+        assert!(begin.gap_m > 0.0, "they are apart: {}", begin.gap_m);
+        let before = [1.5, 0.0];
+        state.coordinates.omega = before.to_vec();
+        let mut struck = None;
+        for _ in 0..20_000 {
+            let at = gap(&state);
+            scheme::step(&model, &mut state, &mut scratch).expect("a solution");
+            if state.touches.normal_force[0] > 1.0 {
+                struck = Some(at);
+                break;
+            }
+        }
+        let at = struck.expect("the tip strikes the arm");
+        let after = &state.coordinates.omega;
+        let speed = |by: [f64; 2], v: &[f64]| by[0] * v[0] + by[1] * v[1];
+        let (closing, opening) = (speed(at.slope, &before), speed(at.slope, after));
+        assert!(closing < -0.1, "{closing}");
+        assert!((opening + restitution * closing).abs() < 1e-9, "e = {restitution}: {closing} to {opening}");
+        // Two impulses, normal and tangential, give both changes.
+        let changes = [mass * (after[0] - before[0]), inertia * (after[1] - before[1])];
+        let det = at.slope[0] * at.slide[1] - at.slope[1] * at.slide[0];
+        let normal = (changes[0] * at.slide[1] - changes[1] * at.slide[0]) / det;
+        let tangential = (at.slope[0] * changes[1] - at.slope[1] * changes[0]) / det;
+        let sliding = speed(at.slide, after);
+        println!(
+            "e = {restitution}, mu = {friction}: normal {normal:.6} N s, tangential {tangential:.6} N s, slides {sliding:.3} m/s"
+        );
+        assert!(normal > 0.0 && tangential.abs() <= friction * normal + 1e-12);
+        if friction > 0.0 {
+            assert!(sliding.abs() < 1e-9 || (tangential + sliding.signum() * friction * normal).abs() < 1e-9);
+        }
+        let energy = |v: &[f64]| 0.5 * mass * v[0] * v[0] + 0.5 * inertia * v[1] * v[1];
+        let lost = state.touches.lost_damping[0] + state.touches.lost_friction[0];
+        assert!((energy(&before) - energy(after) - lost).abs() < 1e-12);
+    }
+}
+
+/// A break on the force of a rigid contact is hit where a frame holds that force.
+#[test]
+fn breaks_see_rigid_contacts() {
+    let drive = bundled("bush-20-40", &["run.scheme=\"moreau\"", "run.step_us=2"]);
+    let mut simulation = Simulation::new(&drive).expect("it is assembled");
+    simulation.stop_at("contact.normal_force > 400 N").expect("an expression");
+    let summary = simulation.run(5e-3, 1e-4, &[]).expect("it runs");
+    let hit = summary.hits.first().expect("a hit");
+    let frame = simulation.frame().expect("a frame");
+    let most = frame.contacts.normal_force_n.iter().copied().fold(0.0, f64::max);
+    println!("hit at {:.4} ms: {most:.1} N", hit.t_s * 1e3);
+    assert!(most > 400.0);
 }

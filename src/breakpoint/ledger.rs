@@ -1,12 +1,14 @@
 //! The energy ledger of a step from its own columns, for breakpoints. It equals that of a frame, but is summed in
 //! another order.
 
+use crate::drive::Scheme;
 use crate::elements::contact_law::ContactLaw;
 use crate::elements::link_joint::LinkJoint;
 use crate::integrate::explicit::{ContactGroup, Scratch, rollers, shafts, touches};
 use crate::integrate::{VectorKernel, vectorised};
 use crate::lanes::{LANES, LaneBlock, blocks, take};
 use crate::model::Model;
+use crate::recording::capture::kinetic_of_impacts;
 use crate::recording::frame::Energy;
 use crate::state::State;
 use std::ops::Range;
@@ -94,7 +96,9 @@ impl Ledger {
         origin: &Energy,
     ) -> Option<&(Energy, f64)> {
         let sums = vectorised(scratch.isa, SumKernel(self, model, state, scratch))?;
-        if self.next != Some(state.step) || state.step >= self.summed + STEPS_PER_FULL_SUM {
+        // Other schemes lose within a step what its node does not show.
+        let is_leapfrog = model.scheme == Scheme::Leapfrog;
+        if self.next != Some(state.step) || state.step >= self.summed + STEPS_PER_FULL_SUM || !is_leapfrog {
             self.lost_j = self.lost_before(model, state);
             self.summed = state.step;
         }
@@ -103,7 +107,8 @@ impl Ledger {
         let lost_j = self.lost_j + 0.5 * step_j;
         self.lost_j += step_j;
         self.next = Some(state.step + 1);
-        let mut own = Energy { kinetic_j: 0.5 * total(&sums.twice_kinetic_j), ..Energy::default() };
+        let of_impacts_j = kinetic_of_impacts(model, scratch);
+        let mut own = Energy { kinetic_j: 0.5 * total(&sums.twice_kinetic_j) + of_impacts_j, ..Energy::default() };
         shafts::add_energies(model, state, scratch, &mut own);
         let Energy { kinetic_j, work_out_j, mut work_in_j, .. } = own;
         let (mut spring_j, mut damper_j) = (

@@ -322,13 +322,7 @@ fn resumed(args: &RunArgs, recording: &Path, drive: Drive) -> Result<RunStart, F
     state.restore(&visit.state.keyframe()).map_err(|e| {
         Failure::Input(format!("these changes make another State of the drive, and the run cannot go on from it: {e}"))
     })?;
-    let (old_step_s, new_step_s) = (replay.model.step_s, model.step_s);
     scheme::convert(&replay.model, &model, &mut state, Isa::detect()).map_err(anyhow::Error::from)?;
-    if old_step_s != new_step_s {
-        #[expect(clippy::cast_possible_truncation, reason = "a number of steps, rounded")]
-        let step = (visit.state.step as f64 * old_step_s / new_step_s).round() as u64;
-        state.step = step;
-    }
     // A branch has an energy ledger of its own.
     state.clear_ledger();
     let note = vec!["assembly = none: goes on from a recorded State of another drive".to_string()];

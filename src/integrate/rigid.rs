@@ -2,14 +2,16 @@
 //!
 //! ```text
 //! M (u+ - u-) = h f + W_N P_N + W_T P_T             of every contact whose gap is closed in the middle of the step:
-//! 0 <= P_N,  g_N+ + e g_N- >= 0,  one of them zero  Newton's law of impact, g_N the speed at which the gap opens
+//! 0 <= P_N,  g_N+ + e min(g_N-, 0) >= 0,  one zero  Newton's law of impact, g_N the speed at which the gap opens
 //! |P_T| <= mu P_N,  P_T against g_T+                Coulomb's law, g_T the sliding speed
 //! q(n+1) = q_n + h (u- + u+) / 2
 //! ```
 //! Gaps are looked at in the middle of a step, q_n + h u-/2, and so are the forces f of all else, which keeps its laws: with these middles as
 //! nodes the scheme is the leapfrog, whose State and forces it takes. The impulses follow by projections, one contact after the other, until
 //! no speed changes any more (Gauss and Seidel). Forces that are recorded are impulses over the step. What a contact takes is exact: its
-//! impulse times the mean of its speeds before and after. Positions are not corrected: an overlap stays as deep as the step let it become.
+//! impulse times the mean of its speeds before and after. Positions are not corrected: an overlap stays as deep as the step let it become, or as deep as
+//! the stiff contacts of the run-in left it. What joints and guides see of a step's impulses in the next one is half of them once more, as of
+//! any acceleration that goes on: largest forces of joints hold that too.
 //! Sources: Moreau 1988; Jean 1999; for timing chains Fritz and Pfeiffer.
 
 use super::StepError;
@@ -226,11 +228,13 @@ impl RigidContacts {
                 contact.give(model, [change, 0.0], &mut links, &mut coordinates);
                 contact.impulse[0] = normal;
                 residual_m_s = residual_m_s.max(change.abs() * contact.mobility[0]);
-                if contact.mobility[1] == 0.0 {
-                    continue;
-                }
                 let [_, sliding] = contact.speeds([&links[0], &links[1], &links[2]], &coordinates);
                 let limit = contact.friction * normal;
+                if contact.mobility[1] == 0.0 {
+                    // Nothing that it slides on gives way: friction does work on what is prescribed, or none at all.
+                    contact.impulse[1] = if sliding == 0.0 { 0.0 } else { -limit.copysign(sliding) };
+                    continue;
+                }
                 let friction = (contact.impulse[1] - sliding / contact.mobility[1]).clamp(-limit, limit);
                 let change = friction - contact.impulse[1];
                 contact.give(model, [0.0, change], &mut links, &mut coordinates);
@@ -303,7 +307,11 @@ impl RigidContact {
     /// have given their forces.
     fn book(&self, state: &State, scratch: &mut Scratch, h: f64) {
         let after = self.end_speeds(state, scratch, h);
-        let lost = |side: usize| -self.impulse[side] * 0.5 * (self.before[side] + after[side]);
+        let mean = |side: usize| 0.5 * (self.before[side] + after[side]);
+        let lost = |side: usize| -self.impulse[side] * mean(side);
+        if let ContactPlace::Bush(j) = self.of {
+            scratch.tell_speeds(ContactGroup::Bushes, j, [-mean(0), mean(1)]);
+        }
         let (memory, past, at) = match self.of {
             ContactPlace::Bush(j) => {
                 let group = ContactGroup::Bushes.index();

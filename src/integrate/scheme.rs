@@ -100,19 +100,34 @@ pub fn advance(model: &Model, state: &mut State, scratch: &mut Scratch) {
     }
 }
 
-/// Turns a State of one model into one of another that is stepped otherwise, at the same node.
+/// Turns a State of one model into one of another that is stepped otherwise, at the same node, which counts steps of the other's length.
 ///
 /// # Errors
 /// As of [`evaluate`].
 pub fn convert(from: &Model, to: &Model, state: &mut State, isa: Isa) -> Result<(), StepError> {
+    #[expect(clippy::cast_possible_truncation, reason = "a number of steps, rounded")]
+    let renumbered = (state.step as f64 * from.step_s / to.step_s).round() as u64;
     if from.scheme == to.scheme {
         if from.step_s != to.step_s {
             state.restep(from.step_s, to.step_s);
+            state.step = renumbered;
         }
         return Ok(());
     }
     let mut scratch = Scratch::with_isa(from, isa);
     evaluate(from, state, &mut scratch)?;
+    if from.step_s != to.step_s {
+        state.step = renumbered;
+    }
+    for (memory, now) in state
+        .contacts
+        .iter_mut()
+        .chain([&mut state.touches, &mut state.bores])
+        .zip(scratch.contacts.iter().chain([&scratch.touches, &scratch.bores.memory]))
+    {
+        memory.normal_force.clone_from(&now.normal_force);
+        memory.tangential_force.clone_from(&now.tangential_force);
+    }
     // Speeds of the node, and accelerations there by its forces.
     let half = 0.5 * from.step_s;
     shift_speeds(state, half, [&scratch.ax, &scratch.ay, &scratch.alpha], &scratch.coordinate_alpha);
@@ -284,6 +299,7 @@ fn evaluate_rigid(model: &Model, restitution: f64, state: &State, scratch: &mut 
     let kept = scratch.of_scheme.take().and_then(|work| work.downcast::<RigidContacts>().ok());
     let mut work = kept.unwrap_or_default();
     let found = work.add(model, restitution, state, scratch);
+    scratch.adds_forces = true;
     scratch.of_scheme = Some(work);
     found
 }

@@ -12,6 +12,7 @@ mod valves;
 
 use header::outline_element;
 pub use header::{bodies, header, header_of};
+pub(crate) use ledger::kinetic_of_impacts;
 use ledger::{ledger, since};
 
 use super::frame::{Contacts, Energy, Feature, Frame, Links, Rollers, Rotors, Segment};

@@ -6,7 +6,7 @@ use super::guides::BlockForces;
 use super::rails::{PlateLanes, RailColumns};
 use super::rollers::BoreColumns;
 use super::watch::ObservedStep;
-use super::{RunIn, Window};
+use super::{ContactGroup, RunIn, Window};
 use crate::aligned::AlignedColumn;
 use crate::elements::friction;
 use crate::geometry::Vec2;
@@ -117,6 +117,8 @@ pub struct Scratch {
     /// Where coordinates stand at the node, and in the middle of the step; empty without oil.
     pub(super) places_before: Vec<f64>,
     pub(super) places_between: Vec<f64>,
+    /// The scheme adds forces of contacts to those that were watched.
+    pub(in crate::integrate) adds_forces: bool,
     /// What another scheme than the leapfrog computes on the way.
     pub(in crate::integrate) of_scheme: Option<Box<dyn Any + Send + Sync>>,
 }
@@ -347,6 +349,7 @@ impl Scratch {
             losing_parts: std::array::from_fn(|_| vec![0.0; model.coordinates.len()]),
             places_before: vec![0.0; if model.oil.is_some() { model.coordinates.len() } else { 0 }],
             places_between: vec![0.0; if model.oil.is_some() { model.coordinates.len() } else { 0 }],
+            adds_forces: false,
             of_scheme: None,
         }
     }
@@ -354,6 +357,12 @@ impl Scratch {
     /// For a State whose contacts are not those of the step before: any block of either memory may hold an old contact.
     pub(in crate::integrate) fn forget_contacts(&mut self) {
         self.groups.iter_mut().for_each(|group| group.stale.fill(2));
+    }
+
+    /// Closing and sliding speed of a contact whose forces were found elsewhere [m/s].
+    pub(in crate::integrate) fn tell_speeds(&mut self, part: ContactGroup, lane: usize, [rate, slide]: [f64; 2]) {
+        let group = &mut self.groups[part.index()];
+        (group.rate[lane], group.slide[lane]) = (rate, slide);
     }
 
     /// Adds a force of parts that touch to a coordinate.

@@ -234,8 +234,11 @@ impl Scratch {
         Some(&self.watched.as_deref()?.segments.as_ref()?[part.index()])
     }
 
-    /// An extreme, where it is asked for.
+    /// An extreme, where it is asked for and the forces that were watched are those of the node.
     pub fn extreme(&self, of: &Extreme) -> Option<f64> {
+        if self.adds_forces {
+            return None;
+        }
         let watched = self.watched.as_deref()?;
         let (_, most) = watched.extremes.iter().find(|(e, _)| e == of)?;
         Some(most.iter().fold(f64::NEG_INFINITY, |most, v| if *v > most { *v } else { most }))

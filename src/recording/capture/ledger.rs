@@ -136,8 +136,9 @@ fn kinetic_of_rollers(model: &Model, state: &State, scratch: &Scratch) -> f64 {
 }
 
 /// What the kinetic energies before and after a step's impulses are in the mean above that of the mean speeds [J]: impacts of rigid bodies
-/// change speeds within a node.
-fn kinetic_of_impacts(model: &Model, scratch: &Scratch) -> f64 {
+/// change speeds within a node. Zero for other schemes than Moreau's.
+pub(crate) fn kinetic_of_impacts(model: &Model, scratch: &Scratch) -> f64 {
+    let Scheme::Moreau { .. } = model.scheme else { return 0.0 };
     let (c, half) = (&model.chain, 0.5 * model.step_s);
     let of = |i: usize| {
         let [x, y, turn] = [scratch.ax[i], scratch.ay[i], scratch.alpha[i]].map(|a| half * a);
@@ -188,9 +189,7 @@ impl VectorKernel for LedgerKernel<'_> {
             e.lost_oil_j = state.oil.lost_j.iter().sum();
             e.work_oil_j = state.oil.work_j.iter().sum();
         }
-        if let Scheme::Moreau { .. } = model.scheme {
-            e.kinetic_j += kinetic_of_impacts(model, scratch);
-        }
+        e.kinetic_j += kinetic_of_impacts(model, scratch);
         e.elastic_contact_j = rows.iter().map(|r| r.stored_j).sum::<f64>() + stored_j;
         (e.lost_contact_damping_j, e.lost_contact_friction_j) = (damping_j, friction_j);
         if c.has_rollers() {
