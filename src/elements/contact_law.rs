@@ -73,9 +73,6 @@ pub struct HertzLine {
 /// Approach speeds below this are taken as this [m/s]: a contact that begins at rest must not divide by zero.
 pub const SLOWEST_APPROACH_M_S: f64 = 1e-3;
 
-/// So many ways of a step away from it, what remembers a contact has parted. assumed: contacts that change the piece of a contour jump by less.
-const FAR_STEPS: f64 = 32.0;
-
 /// Step up to which forces are those of a moment [s]: shorter than any step of a run.
 pub const MOMENT_S: f64 = 2e-10;
 
@@ -474,10 +471,7 @@ pub fn closed_form_step<const GROWS: bool>(k: f64, c: f64, s: StepInput, old: bo
     let slope_there = if falling { slope + bend * end } else { slope };
     let bend_there = if falling { sense * bend } else { 0.0 };
     let tail = rest * rest * rest * (bend_there * rest * (1.0 / 24.0) - slope_there * (1.0 / 6.0));
-    // What remembers a contact and is many times further off now than it moves within the step has parted before.
-    let size = |x: f64| if x < 0.0 { 0.0 - x } else { x };
-    let near = d + FAR_STEPS * h * (size(s.free_rate) + h * size(others)) > 0.0;
-    let tail = if parting & (closed | old) & near { tail } else { 0.0 };
+    let tail = if parting & (closed | old) { tail } else { 0.0 };
     let touching = closed & (force > 0.0);
     let coming = !closed & (s.free_rate > 0.0);
     let missed = if fresh { part } else { 0.0 };

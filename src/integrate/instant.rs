@@ -368,7 +368,43 @@ pub(super) fn evaluate_at_node(model: &Model, state: &mut State, scratch: &mut S
     ] {
         column.copy_from_slice(now);
     }
-    explicit::evaluate(model, state, scratch)
+    explicit::evaluate(model, state, scratch)?;
+    if forget_far(model, state, scratch) {
+        explicit::evaluate(model, state, scratch)?;
+    }
+    Ok(())
+}
+
+/// Distance from a contact, over the way that 10 m/s make in a window, beyond which what remembers it has parted long before. assumed.
+const FAR_WAYS: f64 = 30.0;
+const FAST_M_S: f64 = 10.0;
+
+/// Takes the memory of contacts that are open, far off and pushed all the same: what the means of a step make of a contact that has just
+/// parted has no meaning where it parted many windows ago. Returns whether there were any.
+fn forget_far(model: &Model, state: &mut State, scratch: &Scratch) -> bool {
+    let far_m = -FAR_WAYS * FAST_M_S * model.step_s;
+    let mut found = false;
+    for ((past, now), group) in state.contacts.iter_mut().zip(&scratch.contacts).zip(&scratch.groups) {
+        for lane in 0..now.normal_force.len() {
+            if now.normal_force[lane] > 0.0 && group.depth[lane] < far_m {
+                forget(past, lane);
+                found = true;
+            }
+        }
+    }
+    for (i, touch) in model.touches.iter().enumerate() {
+        let is_pushed = scratch.touches.normal_force[i] > 0.0;
+        if is_pushed && -touch.shape.gap(&state.coordinates.angle).gap_m < far_m {
+            forget(&mut state.touches, i);
+            found = true;
+        }
+    }
+    found
+}
+
+fn forget(memory: &mut ContactMemory, lane: usize) {
+    (memory.age[lane], memory.approach[lane]) = (0.0, 0.0);
+    (memory.normal_force[lane], memory.tangential_force[lane]) = (0.0, 0.0);
 }
 
 /// Cosine and sine of a direction that turns, by any angle: coordinates count their turns beside them.

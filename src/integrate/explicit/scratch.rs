@@ -48,7 +48,7 @@ pub struct Scratch {
     pub(super) bush_moment: JointColumn,
     /// Memories after the step, and what it knows of each contact, in the order of `ContactGroup::ALL`.
     pub(in crate::integrate) contacts: Vec<ContactMemory>,
-    pub(super) groups: Vec<GroupColumns>,
+    pub(in crate::integrate) groups: Vec<GroupColumns>,
     /// Where plates touch rails.
     pub(super) rails: RailColumns,
     /// Forces of guides and of what contours touch, per block of links.
@@ -218,13 +218,13 @@ impl LinkConstants {
 
 /// What a step knows of the contacts of one group. Stale where a contact's age is zero.
 #[derive(Clone)]
-pub(super) struct GroupColumns {
+pub(in crate::integrate) struct GroupColumns {
     /// Closing speed at the node [m/s].
     pub(super) rate: AlignedColumn,
     /// Sliding speed that friction works with [m/s].
     pub(super) slide: AlignedColumn,
     /// Penetration at the node [m].
-    pub(super) depth: AlignedColumn,
+    pub(in crate::integrate) depth: AlignedColumn,
     /// Per block: how many of the two memories that change hands still hold an old contact.
     pub(super) stale: Vec<u8>,
 }
