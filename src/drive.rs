@@ -633,20 +633,20 @@ pub struct PitchError {
 /// How steps follow one another, see [`crate::integrate::scheme`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Scheme {
-    /// Explicit; contacts as means over a step.
+    /// Explicit scheme whose contact forces are means over a step.
     #[default]
     Leapfrog,
-    /// Implicit, of Hilber, Hughes and Taylor.
+    /// Implicit scheme of Hilber, Hughes and Taylor.
     Hht {
         /// In -1/3 .. 0: damping of what a step does not resolve.
         alpha: f64,
     },
-    /// Of Moreau and Jean: bushes and teeth, and parts that touch each other, are rigid.
+    /// Scheme of Moreau and Jean: it takes bushes, teeth and parts that touch each other as rigid.
     Moreau {
         /// Opening speed after an impact over the closing speed before it, 0 .. 1.
         restitution: f64,
     },
-    /// Explicit, with steps of its own.
+    /// Explicit scheme of predictor and corrector, which chooses steps of its own.
     PredictorCorrector {
         /// Largest error of a speed in one of them [m/s].
         tolerance_m_s: f64,

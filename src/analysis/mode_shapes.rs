@@ -110,7 +110,7 @@ pub fn wave_speed_m_s(model: &Model, tension_n: f64) -> Option<f64> {
     Some(libm::sqrt(tension_n.max(0.0) * pitch_m(model)? / mass_kg))
 }
 
-/// Of forces at rest, where the scheme of a drive is not the leapfrog [s].
+/// Longest step for which forces at rest are computed where the drive has another scheme than the leapfrog [s].
 const LONGEST_STEP_S: f64 = 1e-6;
 
 /// A mode's motion over whole periods, in real time: frames of the drive at rest whose links and bodies are displaced. Contacts are left out, because the

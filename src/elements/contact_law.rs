@@ -166,7 +166,7 @@ pub struct PairRadii {
 }
 
 impl ContactLaw {
-    /// Of contacts whose forces do not follow from their overlap: no force that counts, but a touch.
+    /// The law of rigid contacts: another scheme finds their forces. It gives a force that is above zero, so that a touch is seen, and too small to count.
     pub const NONE: ContactLaw =
         ContactLaw::HuntCrossley { stiffness_n_per_m_n: 1e-12, exponent: 1.5, damping_s_per_m: 0.0 };
 

@@ -9,12 +9,13 @@ use nalgebra::{DMatrix, DVector, Dyn, LU, Matrix3, Matrix3xX, Vector3};
 pub(super) struct CyclicBlocks {
     /// Number of links in every loop.
     pub(super) loops: Vec<usize>,
-    /// Of every link: its block with the link before it in its loop, with itself, with the next one.
+    /// The blocks in the row of every link: with the link before it in its loop, with itself, with the next link.
     pub(super) rows: Vec<[Matrix3<f64>; 3]>,
-    /// Of every coordinate: its column over the links, and its row.
+    /// The column of every coordinate, by links.
     pub(super) columns: Vec<Vec<Vector3<f64>>>,
+    /// The row of every coordinate, by links.
     pub(super) border_rows: Vec<Vec<Vector3<f64>>>,
-    /// Of coordinates among themselves.
+    /// The block of the coordinates with each other.
     pub(super) corner: DMatrix<f64>,
 }
 
@@ -22,11 +23,12 @@ pub(super) struct CyclicBlocks {
 pub(super) struct Eliminated {
     loops: Vec<usize>,
     n_coordinates: usize,
-    /// Of every link but the last of a loop: inverse of its block when those before it are gone, and its block with the one before it.
+    /// The inverse of a link's own block, once the links before it are eliminated. The last link of a loop has none.
     pivots: Vec<Matrix3<f64>>,
+    /// The blocks of a link with the link before it and with the next one.
     before: Vec<Matrix3<f64>>,
     next: Vec<Matrix3<f64>>,
-    /// What the border's columns become.
+    /// The columns of the border, after the elimination.
     columns: Vec<Matrix3xX<f64>>,
     /// Rows of the border over the links.
     border: Vec<Matrix3xX<f64>>,
@@ -34,7 +36,7 @@ pub(super) struct Eliminated {
 }
 
 impl CyclicBlocks {
-    /// Of zeros.
+    /// A system whose blocks are all zero.
     pub(super) fn new(loops: Vec<usize>, n_coordinates: usize) -> CyclicBlocks {
         let n: usize = loops.iter().sum();
         CyclicBlocks {

@@ -429,7 +429,8 @@ fn columns_of_work(q: &mut CoordinateState) -> [&mut Vec<f64>; 6] {
     [&mut q.work_in, &mut q.work_out, &mut q.lost, &mut q.lost_load, &mut q.lost_coupling, &mut q.lost_span]
 }
 
-/// Contacts of a State that know of their touch without an age: before forces are looked for they count as old, and behind that as new.
+/// Gives an age to contacts that know their speed of approach and have none, and lists them in `told`. The forces then take that speed. Afterwards
+/// [`renew_told`] makes these contacts new again.
 pub(super) fn ages_of_told(state: &mut State, told: &mut Vec<(usize, usize)>) {
     told.clear();
     let State { contacts, touches, bores, .. } = state;
@@ -443,7 +444,7 @@ pub(super) fn ages_of_told(state: &mut State, told: &mut Vec<(usize, usize)>) {
     }
 }
 
-/// As new, those of [`ages_of_told`] that still touch.
+/// Makes the contacts of [`ages_of_told`] that still touch new again.
 pub(super) fn renew_told(scratch: &mut Scratch, told: &[(usize, usize)]) {
     let n = scratch.contacts.len();
     for (set, lane) in told {
@@ -467,7 +468,7 @@ fn clear_lost(memory: &mut ContactMemory) {
     memory.lost_friction.fill(0.0);
 }
 
-/// As [`clear_losses`], of what a Scratch found last: blocks that nobody looks at keep it.
+/// Sets what the contacts of a Scratch have lost to zero. Blocks that no kernel looks at would keep the losses of an earlier step.
 pub(super) fn clear_losses_of(scratch: &mut Scratch) {
     scratch.contacts.iter_mut().chain([&mut scratch.touches, &mut scratch.bores.memory]).for_each(clear_lost);
 }

@@ -26,21 +26,21 @@ use crate::state::{ContactMemory, LinkState, State};
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 #[serde(rename_all = "snake_case", tag = "name")]
 pub enum SchemeSummary {
-    /// Of Hilber, Hughes and Taylor.
+    /// The implicit scheme of Hilber, Hughes and Taylor.
     Hht {
         /// Steps that were solved less closely than others, because forces change at once where contacts begin.
         borne_steps: u64,
         /// Correction of a speed that was left in the worst of all steps [m/s].
         left_m_s: f64,
     },
-    /// Of predictor and corrector.
+    /// The scheme of predictor and corrector.
     PredictorCorrector {
         /// Steps of its own.
         own_steps: u64,
         /// Changes of the contacts that it stepped over.
         changes: u64,
     },
-    /// Of Moreau and Jean.
+    /// The scheme of Moreau and Jean.
     Moreau {
         /// Rounds of the step that took most.
         most_rounds: usize,
@@ -52,7 +52,7 @@ pub enum SchemeSummary {
 }
 
 impl SchemeSummary {
-    /// In a line.
+    /// The summary in one line.
     pub fn text(&self) -> String {
         match *self {
             SchemeSummary::Hht { borne_steps, left_m_s } => format!(
@@ -91,7 +91,7 @@ pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Result<(
     }
 }
 
-/// Forward by one step, with what [`evaluate`] has found.
+/// Moves the State forward by one step, with what [`evaluate`] has found.
 #[inline(always)]
 pub fn advance(model: &Model, state: &mut State, scratch: &mut Scratch) {
     match model.scheme {
@@ -292,7 +292,7 @@ fn over_the_step(now: &mut ContactMemory, past: &ContactMemory, windows: f64) {
     }
 }
 
-/// The forces of a node as the leapfrog has them, and those of rigid contacts.
+/// Evaluates the node as the leapfrog does, and adds the forces of rigid contacts.
 #[cold]
 fn evaluate_rigid(model: &Model, restitution: f64, state: &State, scratch: &mut Scratch) -> Result<(), StepError> {
     explicit::evaluate(model, state, scratch)?;
@@ -317,7 +317,7 @@ pub fn summary(scratch: &Scratch) -> Option<SchemeSummary> {
     }
 }
 
-/// The node, and the step that follows it.
+/// Evaluates the node, and solves the step that follows it.
 #[cold]
 fn evaluate_node(model: &Model, state: &State, scratch: &mut Scratch) -> Result<(), StepError> {
     let kept = scratch.of_scheme.take().and_then(|work| work.downcast::<SchemeWork>().ok());
