@@ -134,7 +134,9 @@ pub fn convert(from: &Model, to: &Model, state: &mut State, isa: Isa) -> Result<
     match to.scheme {
         Scheme::Leapfrog | Scheme::Moreau { .. } => {
             take_accelerations(state, &scratch);
-            state.coordinates.alpha.clone_from(&scratch.coordinate_alpha);
+            let q = &mut state.coordinates;
+            q.alpha.clone_from(&scratch.coordinate_alpha);
+            q.omega.iter_mut().zip(&q.alpha).for_each(|(v, a)| *v -= 0.5 * to.step_s * a);
         }
         Scheme::Hht { .. } | Scheme::PredictorCorrector { .. } => {
             let links = &mut state.links;
@@ -146,6 +148,7 @@ pub fn convert(from: &Model, to: &Model, state: &mut State, isa: Isa) -> Result<
                 alpha[k] = if free(k) { 0.0 } else { scratch.coordinate_alpha[k] };
                 state.coordinates.omega[k] -= 0.5 * to.step_s * alpha[k];
             }
+            // What is prescribed is half a step back already.
             let mut own = Scratch::with_isa(to, isa);
             SchemeWork::new(to, state, &own).evaluate(to, state, &mut own)?;
             take_accelerations(state, &own);
@@ -153,19 +156,12 @@ pub fn convert(from: &Model, to: &Model, state: &mut State, isa: Isa) -> Result<
                 state.coordinates.alpha[k] = own.coordinate_alpha[k];
                 state.coordinates.omega[k] -= 0.5 * to.step_s * own.coordinate_alpha[k];
             }
-            let LinkState { vx, vy, omega, ax, ay, alpha, .. } = &mut state.links;
-            for (speeds, accelerations) in [(vx, &*ax), (vy, &*ay), (omega, &*alpha)] {
-                speeds.iter_mut().zip(accelerations.iter()).for_each(|(v, a)| *v -= 0.5 * to.step_s * a);
-            }
-            return Ok(());
         }
     }
     let LinkState { vx, vy, omega, ax, ay, alpha, .. } = &mut state.links;
     for (speeds, accelerations) in [(vx, &*ax), (vy, &*ay), (omega, &*alpha)] {
         speeds.iter_mut().zip(accelerations.iter()).for_each(|(v, a)| *v -= 0.5 * to.step_s * a);
     }
-    let q = &mut state.coordinates;
-    q.omega.iter_mut().zip(&q.alpha).for_each(|(v, a)| *v -= 0.5 * to.step_s * a);
     Ok(())
 }
 
