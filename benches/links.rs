@@ -16,10 +16,7 @@ fn main() {
     );
     let one_chain = links::CASES.iter().map(|c| (links::one_chain(links::bush(), c), c));
     let reductions = links::REDUCTION_CASES.iter().map(|c| (links::reduction(), c));
-    let engines = engines::ENGINE_CASES.iter().map(|c| {
-        let rig = if c.name.starts_with("ford") { engines::ford_v6() } else { engines::bmw318() };
-        (rig, c)
-    });
+    let engines = engines::ENGINE_CASES.iter().map(|c| (engines::engine(c), c));
     let tensioners = links::TENSIONER_CASES.iter().map(|c| (links::tensioner(), c));
     let all = one_chain.chain(reductions).chain(tensioners).chain(engines);
     for (rig, case) in all.filter(|(_, c)| word.as_ref().is_none_or(|w| c.name.contains(w.as_str()))) {

@@ -8,8 +8,8 @@ use libfuzzer_sys::fuzz_target;
 use pitchline::machine::Machine;
 use pitchline::machine::simulate::{Samples, run};
 use pitchline::measurement::Measurement;
-use pitchline::measurement::columns::{ColumnSelection, FileLayout, Memory, parse_csv};
-use pitchline::measurement::segments::from_tables;
+use pitchline::measurement::columns::Memory;
+use pitchline::measurement::segments::load;
 
 fuzz_target!(|text: &str| {
     let mut parts = text.split("%%%\n");
@@ -22,23 +22,32 @@ fuzz_target!(|text: &str| {
     if let Err(report) = &measurement {
         assert!(!report.to_string().is_empty());
     }
-    let mut memory = Memory::of_program(100_000_000);
-    let columns = parse_csv(csv.unwrap_or_default().as_bytes(), FileLayout::default(), ColumnSelection::All, &mut memory);
-    let (Ok(machine), Ok(measurement), Ok(columns)) = (machine, measurement, columns) else { return };
-    let tables: Vec<_> = measurement.files.iter().map(|f| (f.name.clone(), columns.clone())).collect();
-    match from_tables(&measurement, &machine, &tables) {
+    let (Ok(machine), Ok(measurement)) = (machine, measurement) else { return };
+    // Every file that it names is the same table; it may name none of this machine.
+    let folder = std::path::PathBuf::from(format!("/dev/shm/pitchline-fuzz-measurement-{}", std::process::id()));
+    let is_plain = |path: &str| path.strip_suffix(".csv").is_some_and(|n| n.bytes().all(|b| b.is_ascii_alphanumeric()));
+    if measurement.files.iter().any(|f| !is_plain(&f.path)) || std::fs::create_dir_all(&folder).is_err() {
+        return;
+    }
+    for f in &measurement.files {
+        let _written = std::fs::write(folder.join(&f.path), csv.unwrap_or_default());
+    }
+    match load(&measurement, &machine, &folder, &mut Memory::for_program(100_000_000)) {
         Ok(data) => {
             let channels: Vec<usize> = data.channels.iter().map(|c| c.sensor).collect();
             for s in data.segments.iter().take(2) {
                 let steps = match &s.task.samples {
                     Samples::Times { t_s, step_s, .. } => t_s.last().copied().unwrap_or(0.0) / step_s,
-                    Samples::Pulses { intervals, longest_s, interval_s, .. } => *intervals as f64 * longest_s / interval_s,
+                    Samples::Pulses { intervals, longest_s, interval_s, .. } => {
+                        *intervals as f64 * longest_s / interval_s
+                    }
                 };
                 if steps < 2000.0 {
-                    let _run = run(&machine, &machine.values, &s.task, &s.start, &channels, 4.0);
+                    let _run = run(&machine, &machine.values, &s.task, &s.start, &channels, 4.0, None);
                 }
             }
         }
         Err(e) => assert!(!e.to_string().is_empty()),
     }
+    let _removed = std::fs::remove_dir_all(&folder);
 });

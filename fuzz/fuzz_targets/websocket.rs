@@ -5,7 +5,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use pitchline::recording::foxglove_live::server::{Shared, welcome};
+use pitchline::recording::foxglove_live::server::{Shared, accept_client};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -20,16 +20,19 @@ fuzz_target!(|data: &[u8]| {
     let shared = Arc::new(Shared::new(80, TOKEN.into(), ["{}".into(), "{}".into()], at_start));
     let mut bytes = Vec::new();
     if kind % 2 == 1 {
-        bytes.extend(format!(
-            "GET /{TOKEN} HTTP/1.1\r\nHost: localhost:80\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n\
+        bytes.extend(
+            format!(
+                "GET /{TOKEN} HTTP/1.1\r\nHost: localhost:80\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n\
              Sec-WebSocket-Key: cGl0Y2hsaW5lcGl0Y2hsaQ==\r\nSec-WebSocket-Version: 13\r\n\
              Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n"
-        ).bytes());
+            )
+            .bytes(),
+        );
     }
     bytes.extend(said);
     runtime.block_on(async {
         let (ours, theirs) = tokio::io::duplex(1 << 12);
-        let talking = tokio::spawn(async move { welcome(ours, &shared, ()).await });
+        let talking = tokio::spawn(async move { accept_client(ours, &shared, ()).await });
         let (mut from, mut to) = tokio::io::split(theirs);
         let reading = tokio::spawn(async move {
             let mut answers = Vec::new();

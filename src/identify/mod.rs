@@ -137,7 +137,6 @@ pub fn identify(
         let records = PredictedRecords { data, machine, named: &named, noisy: &noisy };
         (found, report) = predict::by_prediction(measurement, &records, begun, (found, report), context);
     }
-    let cut_short = found.cut_short || context.must_end();
     if search::is_at_step_limit(&found.best) {
         let (most, machine) = (found.best.problem.max_steps, &found.best.problem.machine);
         let what = match machine.springs.is_empty() {
@@ -159,9 +158,6 @@ pub fn identify(
             report.warnings.push(moved.text);
         }
     }
-    if report.outcome == IdentificationVerdict::Named && (!report.doubts.is_empty() || cut_short) {
-        report.outcome = IdentificationVerdict::Lead;
-    }
     context.report("analysing the residuals");
     report.diagnosis = diagnosis::diagnose(&found.declared, context.threads);
     if !report.effects.is_empty() {
@@ -170,6 +166,11 @@ pub fn identify(
     if report.outcome == IdentificationVerdict::None && !report.explained && !context.must_end() {
         context.report("searching an unnamed formula");
         report.unnamed = unnamed::search(&found.best, &own, context);
+    }
+    // The budget may have cut off the last stages alone.
+    let cut_short = found.cut_short || context.must_end();
+    if report.outcome == IdentificationVerdict::Named && (!report.doubts.is_empty() || cut_short) {
+        report.outcome = IdentificationVerdict::Lead;
     }
     report.interrupted = context.stop.load(Ordering::Relaxed);
     report.budget_spent = cut_short && !report.interrupted;

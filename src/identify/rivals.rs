@@ -1,7 +1,8 @@
 //! Rivals of an accepted effect: other effects that fit as well in its place.
 //!
 //! Each alternative that was fitted at any stage, or that looked alike from the start, takes the effect's place and is fitted there. Those that leave
-//! as much are rivals. Where fits are few, one that leaves clearly less takes the effect's place: its fit may have missed its minimum in the search.
+//! as much are rivals. One that leaves clearly less takes the effect's place: beside these effects it may never have been fitted in the search, or its
+//! fit may have missed its minimum there.
 
 use super::accept::CLEAR_SCORE_GAP;
 use super::candidates::Hypothesis;
@@ -66,8 +67,8 @@ fn rival_of<'a>(
     Some(fit_model(early.problem.clone(), &early.fit.point, own, early.effects.clone(), 1, FIT_ITERATIONS))
 }
 
-/// Replaces every effect of the best model by each alternative that was examined, and keeps those that fit as well. Where fits are few, one of
-/// them may have missed its minimum in the search: the best model that fits clearly better, in held-out records too.
+/// Replaces every effect of the best model by each alternative that was examined, and keeps those that fit as well; and the best model that fits
+/// clearly better, in held-out records too, if there is one.
 pub(super) fn rivals<'a>(
     declared: &FittedModel<'a>,
     best: &FittedModel<'a>,
@@ -79,7 +80,6 @@ pub(super) fn rivals<'a>(
     trials: &mut [Trial],
 ) -> (Vec<Vec<Rival>>, Option<FittedModel<'a>>) {
     let best_score = score(best, effective);
-    let may_be_missed = !best.problem.machine.effort().is_thorough;
     let mut better: Option<FittedModel<'a>> = None;
     let mut rivals = Vec::new();
     for which in 0..best.effects.len() {
@@ -132,7 +132,7 @@ pub(super) fn rivals<'a>(
             let ratio = m.residuals().judge_ratio(best.residuals());
             let is_clear = worse < -CLEAR_SCORE_GAP && ratio[2] < 1.0 && !same;
             let is_best = better.as_ref().is_none_or(|b| score(&m, effective) < score(b, effective));
-            if may_be_missed && is_clear && is_best {
+            if is_clear && is_best {
                 better = Some(m.clone());
             }
             if ratio[1] < 1.02 || same {

@@ -1,0 +1,32 @@
+//! Whole runs of `identify` on small machines out of random bytes: each ends with an answer or with a reason, never with a panic. The fuzz target
+//! `identified` does the same for hours; `PITCHLINE_PROBLEMS=200..5000` runs others here.
+
+#[path = "problems/mod.rs"]
+mod problems;
+
+use pitchline::random::SplitMix;
+use problems::SmallProblem;
+
+/// Problems of the test.
+const PROBLEMS: std::ops::Range<u64> = 0..200;
+
+#[test]
+fn any_small_problem_ends_with_an_answer_or_a_reason() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let asked = std::env::var("PITCHLINE_PROBLEMS").ok();
+    let asked = asked.as_ref().and_then(|range| range.split_once(".."));
+    let seeds = asked.map_or(PROBLEMS, |(a, b)| a.parse().expect("a number")..b.parse().expect("a number"));
+    let count = seeds.end - seeds.start;
+    let (mut answers, mut panics) = (0, Vec::new());
+    for seed in seeds {
+        let mut random = SplitMix::of(&[seed]);
+        let bytes: Vec<u8> = (0..4000).map(|_| random.bits().to_le_bytes()[0]).collect();
+        match std::panic::catch_unwind(|| SmallProblem::new(&bytes, folder.path()).answers(folder.path())) {
+            Ok(answered) => answers += u64::from(answered),
+            Err(_) => panics.push(seed),
+        }
+    }
+    assert!(panics.is_empty(), "problems {panics:?}");
+    // Problems that are all refused would show nothing.
+    assert!(3 * answers > count, "{answers} of {count} came to an answer");
+}
