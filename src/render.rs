@@ -4,6 +4,7 @@ pub mod claims;
 pub mod compare;
 pub mod free_body;
 pub mod identify;
+pub mod lap;
 pub mod orders;
 pub mod png;
 pub mod silent;

@@ -1,5 +1,5 @@
 //! Whole runs of `identify` on small machines out of random bytes: each ends with an answer or with a reason, never with a panic. The fuzz target
-//! `identified` does the same for hours; `PITCHLINE_PROBLEMS=200..5000` runs others here.
+//! `identified` does the same for hours; `PITCHLINE_PROBLEMS=200..5000` runs others here, `PITCHLINE_PROBLEM=FILE` one that it has found, and prints it.
 
 #[path = "problems/mod.rs"]
 mod problems;
@@ -13,6 +13,14 @@ const PROBLEMS: std::ops::Range<u64> = 0..200;
 #[test]
 fn any_small_problem_ends_with_an_answer_or_a_reason() {
     let folder = tempfile::tempdir().expect("a folder");
+    if let Some(file) = std::env::var_os("PITCHLINE_PROBLEM") {
+        let problem = SmallProblem::new(&std::fs::read(file).expect("a file"), folder.path());
+        println!("{}\n{}\n{:?}", problem.measurement, problem.drive, problem.budget);
+        problem.records.iter().for_each(|(name, csv)| println!("{name}: {csv}"));
+        let started = std::time::Instant::now();
+        println!("answered: {} after {:?}", problem.answers(folder.path()), started.elapsed());
+        return;
+    }
     let asked = std::env::var("PITCHLINE_PROBLEMS").ok();
     let asked = asked.as_ref().and_then(|range| range.split_once(".."));
     let seeds = asked.map_or(PROBLEMS, |(a, b)| a.parse().expect("a number")..b.parse().expect("a number"));

@@ -6,6 +6,7 @@ pub mod blame;
 pub mod compared_impacts;
 pub mod diff;
 pub mod explain;
+pub mod lap;
 pub mod mode_shapes;
 pub mod order_spectrum;
 pub mod order_tracks;

@@ -17,6 +17,7 @@ mod geometry_silent;
 mod geometry_smartchain;
 mod identify;
 mod impacts;
+mod lap;
 mod live;
 mod lump;
 mod migrate;
@@ -74,6 +75,7 @@ fn verbs() -> Vec<Verb> {
         verb("audit", "Measure every part from the frames of a recording, and say what stands out", audit::run),
         verb("spectrum", "Show the orders of a quantity of a recording, and what turns with them", spectrum::run),
         verb("orders", "Follow the orders of a quantity while the speed changes", orders::run),
+        verb("lap", "Show a number of links or joints over their way round the loop, by zones", lap::run),
         verb("modes", "Show frequencies, damping and shapes of a drive at rest under its load", modes::run),
         verb("explain", "Explain the state of a link: every force on it, and their origin", explain::run),
         verb("diff", "Show where two recordings differ, in which body, by how much", diff::run),

@@ -25,6 +25,14 @@ pub struct ScreeningResult {
     pub idle: bool,
 }
 
+impl ScreeningResult {
+    /// That of a hypothesis which was not looked at, or cannot be: it promises nothing, and may change everything.
+    pub fn unseen(h: &Hypothesis, records: usize) -> ScreeningResult {
+        let fit_start = FitStart { values: h.values.clone(), phases: vec![0.0; records], travels: Vec::new() };
+        ScreeningResult { gain: 0.0, fit_start, columns: Vec::new(), idle: false }
+    }
+}
+
 /// Start of a fit of a hypothesis.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FitStart {
@@ -209,8 +217,7 @@ pub fn screen(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypothesi
     for i in &amplitudes {
         probe[*i] = h.rows[*i].off * h.rows[*i].unit;
     }
-    let fit_start = FitStart { values: h.values.clone(), phases: vec![0.0; records], travels: Vec::new() };
-    let none = ScreeningResult { gain: 0.0, fit_start, columns: Vec::new(), idle: false };
+    let none = ScreeningResult::unseen(h, records);
     if amplitudes.is_empty() || amplitudes.iter().any(|i| h.rows[*i].off != 0.0) {
         return screen_by_trial(problem, base, &fit.point, h).unwrap_or_else(|| {
             let idle = residual_change(problem, base, &fit.point, h, &h.values).iter().all(|x| *x == 0.0);

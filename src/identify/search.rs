@@ -656,6 +656,7 @@ fn screened_again(
     order.into_iter().for_each(|i| reused[i] = None);
     let screened = |i: usize| match &reused[i] {
         Some(known) => known.clone(),
+        None if context.must_end() => ScreeningResult::unseen(&hypotheses[i], data.records.len()),
         None => screen(&model.problem, base, &model.fit, &hypotheses[i]),
     };
     let screenings = parallel(hypotheses.len(), context.threads, screened);
