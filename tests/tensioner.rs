@@ -161,6 +161,40 @@ fn tensioners_that_make_no_sense_are_refused_where_they_stand() {
     }
 }
 
+/// Oil of a grade has the viscosity of its temperature; what does not go together is refused.
+#[test]
+fn oil_thins_with_its_temperature() {
+    let text = include_str!("../assets/drives/tensioner-20-40.toml");
+    let start = text.find("viscosity_mpa_s").expect("it is there");
+    let line = text[start..].lines().next().expect("a line");
+    let graded = |lines: &str, sets: &[&str]| {
+        let sets: Vec<String> = sets.iter().map(|s| (*s).to_string()).collect();
+        Drive::parse("graded.toml", &text.replacen(line, lines, 1), &sets)
+    };
+    let grade = "viscosity_40_mm2_s = 404\nviscosity_100_mm2_s = 28\ntemperature_c = 60";
+    let oil = |sets: &[&str]| graded(grade, sets).unwrap_or_else(|e| panic!("{e}")).oil.expect("oil").oil;
+    let warm = oil(&[]);
+    // olezol.com prints 132.126 mm2/s for this oil at 60 degrees.
+    assert!((warm.viscosity_pa_s / (132.126e-6 * warm.density_kg_m3) - 1.0).abs() < 1e-4, "{warm:?}");
+    let at_100 = oil(&["oil.temperature_c=100"]).viscosity_pa_s;
+    assert!((at_100 / (28e-6 * warm.density_kg_m3) - 1.0).abs() < 1e-12);
+    for (lines, says) in [
+        ("viscosity_40_mm2_s = 404\ntemperature_c = 60", "go together"),
+        ("viscosity_40_mm2_s = 404\nviscosity_100_mm2_s = 28", "`temperature_c` is missing"),
+        ("viscosity_40_mm2_s = 28\nviscosity_100_mm2_s = 404\ntemperature_c = 60", "as thick at 100 degrees"),
+        ("viscosity_40_mm2_s = 10\nviscosity_100_mm2_s = 2.2\ntemperature_c = 200", "thinner than 2 mm2/s"),
+        ("viscosity_40_mm2_s = 404\nviscosity_100_mm2_s = 28\ntemperature_c = -60", "thicker than 100 Pa s"),
+        ("viscosity_mpa_s = 9\nviscosity_40_mm2_s = 9\nviscosity_100_mm2_s = 3\ntemperature_c = 60", "given twice"),
+        ("#", "viscosity_mpa_s"),
+    ] {
+        let report = match graded(lines, &[]) {
+            Err(report) => report.to_string(),
+            Ok(_) => "no error".to_string(),
+        };
+        assert!(report.contains(says) && report.contains("-->"), "{lines}: {report}");
+    }
+}
+
 /// Position of a point of a body in a frame [m].
 fn placed(body: &BodyInfo, frame: &Frame, [x, y]: [f64; 2]) -> [f64; 2] {
     let ([x0, y0], angle_rad) = body.pose(frame);

@@ -4,8 +4,10 @@
 //! [bearings.elastic.NAME]  body, mass_kg, direction_deg, stiffness_n_per_m, stiffness_across_n_per_m, damping_n_s_per_m,
 //!                          damping_across_n_s_per_m                                       sprocket, shaft, guide or fixed rail
 //! [bearings.plain.NAME]    body, mass_kg, diameter_mm, length_mm, clearance_um, viscosity_mpa_s      sprocket or shaft
+//!                          (or viscosity_40_mm2_s, viscosity_100_mm2_s, temperature_c, density_kg_per_m3)
 //! ```
 
+use super::mechanism::read_viscosity;
 use super::reader::TomlTable;
 use super::{Drive, GuideSpec, RailSpec, ShaftSpec, SprocketDrive};
 use crate::elements::plain_bearing::PlainBearing;
@@ -156,7 +158,7 @@ fn read_plain(t: &TomlTable<'_>, on: Carried) -> BearingLaw {
         radius_m,
         length_m: t.required("length_mm", MM, 0.1..=1e4),
         clearance_m,
-        viscosity_pa_s: t.required("viscosity_mpa_s", 1e-3, 0.1..=1e5),
+        viscosity_pa_s: read_viscosity(t, || t.required("density_kg_per_m3", 1.0, 300.0..=3000.0)),
     })
 }
 

@@ -6,7 +6,7 @@ use super::{ArmSpec, ContactSpec, OilEffects};
 use crate::diag::last_name;
 use crate::effects::{Effect, leak_gap, oil_air, orifice_diameter};
 use crate::elements::hydraulics::{MAX_CHAMBERS, MAX_PASSAGES};
-use crate::elements::oil::Oil;
+use crate::elements::oil::{Oil, OilGrade};
 use crate::elements::passage::{AnnularGap, TRANSITION_REYNOLDS};
 use crate::geometry::Vec2;
 use crate::units::{DEG, MM, UM};
@@ -287,6 +287,42 @@ pub(super) fn read_sliders(root: &TomlTable<'_>, taken: &[String], arms: &[ArmSp
 /// Rounding of a plunger's tip where none is given [m]. assumed.
 const DEFAULT_TIP_RADIUS_M: f64 = 5.0 * MM;
 
+/// Dynamic viscosity [Pa s]: as it is, or that of an oil of known grade at a temperature, at which it has this density [kg/m3].
+pub(super) fn read_viscosity(t: &TomlTable<'_>, density_kg_m3: impl FnOnce() -> f64) -> f64 {
+    let (cold, warm, warmth) = ("viscosity_40_mm2_s", "viscosity_100_mm2_s", "temperature_c");
+    let grade = [cold, warm].map(|key| t.number(key, 1.0, OilGrade::LEAST_MM2_S..=1e6));
+    let temperature = t.number(warmth, 1.0, -60.0..=250.0);
+    let [Some(at_40_mm2_s), Some(at_100_mm2_s)] = grade else {
+        if temperature.is_some() || grade.iter().any(Option::is_some) {
+            let help = "give all three in place of `viscosity_mpa_s`";
+            t.error(format!("`{cold}`, `{warm}` and `{warmth}` go together"), Some(help.into()));
+            return f64::NAN;
+        }
+        return t.required("viscosity_mpa_s", 1e-3, 0.1..=1e5);
+    };
+    let Some(temperature_c) = temperature else {
+        t.error(format!("`{warmth}` is missing"), Some(format!("add `{warmth} = 90`")));
+        return f64::NAN;
+    };
+    if t.number("viscosity_mpa_s", 1e-3, 0.1..=1e5).is_some() {
+        t.error_at("viscosity_mpa_s", "the viscosity is given twice".into(), Some(format!("remove it, or `{cold}`")));
+    }
+    if at_100_mm2_s >= at_40_mm2_s {
+        t.error_at(warm, "the oil is as thick at 100 degrees as at 40, or thicker".into(), None);
+        return f64::NAN;
+    }
+    let kinematic_m2_s = OilGrade { at_40_mm2_s, at_100_mm2_s }.kinematic_m2_s(temperature_c);
+    if kinematic_m2_s < 1e-6 * OilGrade::LEAST_MM2_S {
+        let thin = format!("the oil is thinner than {} mm2/s at this temperature", OilGrade::LEAST_MM2_S);
+        t.error_at(warmth, thin, Some("give its `viscosity_mpa_s`: the equation of ASTM D341 ends there".into()));
+    }
+    let dynamic_pa_s = density_kg_m3() * kinematic_m2_s;
+    if dynamic_pa_s > 100.0 {
+        t.error_at(warmth, "the oil is thicker than 100 Pa s at this temperature".into(), None);
+    }
+    dynamic_pa_s
+}
+
 /// `[oil]`, `[chambers.NAME]`, `[reservoirs.NAME]`, `[passages.KIND.NAME]`; None where there is no chamber.
 pub(super) fn read_oil(root: &TomlTable<'_>, sliders: &[SliderSpec]) -> Option<OilSpec> {
     let tables = ["oil", "chambers", "reservoirs", "passages"].map(|name| root.table(name));
@@ -298,9 +334,10 @@ pub(super) fn read_oil(root: &TomlTable<'_>, sliders: &[SliderSpec]) -> Option<O
         }
         return None;
     }
+    let density_kg_m3 = oil_table.required("density_kg_per_m3", 1.0, 300.0..=3000.0);
     let oil = Oil {
-        density_kg_m3: oil_table.required("density_kg_per_m3", 1.0, 300.0..=3000.0),
-        viscosity_pa_s: oil_table.required("viscosity_mpa_s", 1e-3, 0.1..=1e5),
+        density_kg_m3,
+        viscosity_pa_s: read_viscosity(oil_table, || density_kg_m3),
         bulk_modulus_pa: oil_table.required("bulk_modulus_gpa", 1e9, 0.01..=100.0),
         air_share: oil_table.number("air_percent", 1e-2, 0.0..=50.0).unwrap_or(0.0),
         air_exponent: oil_table.number("air_exponent", 1.0, 1.0..=1.67).unwrap_or(1.4),

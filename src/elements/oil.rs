@@ -28,6 +28,32 @@ pub struct Oil {
     pub air_exponent: f64,
 }
 
+/// How thick an oil is over its temperature, from its kinematic viscosities at 40 and 100 degrees Celsius, as data sheets state them.
+///
+/// ```text
+/// log log (nu + 0.7) = A - B log T,   nu in mm2/s, T in kelvin, logarithms to base 10
+/// ```
+/// Walther 1931, as ASTM D341 has it for viscosities above [`OilGrade::LEAST_MM2_S`]; below, its further terms are left out here.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OilGrade {
+    pub at_40_mm2_s: f64,
+    pub at_100_mm2_s: f64,
+}
+
+impl OilGrade {
+    /// Lowest viscosity that the equation holds for.
+    pub const LEAST_MM2_S: f64 = 2.0;
+
+    /// Kinematic viscosity [m2/s].
+    pub fn kinematic_m2_s(&self, temperature_c: f64) -> f64 {
+        let thickness = |mm2_s: f64| libm::log10(libm::log10(mm2_s + 0.7));
+        let warmth = |celsius: f64| libm::log10(celsius + 273.15);
+        let [cold, warm] = [self.at_40_mm2_s, self.at_100_mm2_s].map(thickness);
+        let share = (warmth(temperature_c) - warmth(40.0)) / (warmth(100.0) - warmth(40.0));
+        1e-6 * (libm::pow(10.0, libm::pow(10.0, cold + share * (warm - cold))) - 0.7)
+    }
+}
+
 /// Where an amount of oil stands.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SpecificVolume {
@@ -111,6 +137,18 @@ mod tests {
 
     fn oil(air_share: f64, air_exponent: f64) -> Oil {
         Oil { density_kg_m3: 850.0, viscosity_pa_s: 0.02, bulk_modulus_pa: 1.5e9, air_share, air_exponent }
+    }
+
+    /// Published examples of ASTM D341: a gear oil SAE 140 (olezol.com), an oil of ISO grade 32 (two digits printed).
+    #[test]
+    fn oils_thin_as_their_charts_say() {
+        let gear = OilGrade { at_40_mm2_s: 404.0, at_100_mm2_s: 28.0 };
+        assert!((1e6 * gear.kinematic_m2_s(60.0) / 132.126 - 1.0).abs() < 1e-4);
+        let thin = OilGrade { at_40_mm2_s: 32.0, at_100_mm2_s: 5.4 };
+        assert!((1e6 * thin.kinematic_m2_s(80.0) - 8.5).abs() < 0.05);
+        for (celsius, mm2_s) in [(40.0, 32.0), (100.0, 5.4)] {
+            assert!((1e6 * thin.kinematic_m2_s(celsius) / mm2_s - 1.0).abs() < 1e-12);
+        }
     }
 
     #[test]
