@@ -2,7 +2,7 @@
 
 use super::spectrum::{bracketed, digits};
 use super::{Answer, Failure, Outcome, answer};
-use crate::analysis::lap::{Lap, LapError, LapRecorder};
+use crate::analysis::lap::{Lap, LapError, LapPoint, LapRecorder};
 use crate::assemble::compile;
 use crate::recording::reader::{Entry, Flow, WHOLE, Wanted};
 use crate::render;
@@ -20,9 +20,15 @@ pub struct LapArgs {
     /// Chain of several, counted from 0
     #[arg(long, value_name = "N", default_value = "0")]
     chain: usize,
-    /// Draw the number of this link too, on its own way round
+    /// Follow this link too, on its own way round: in the picture, as `points` of the JSON, and instead of places in the CSV
     #[arg(long, value_name = "I")]
     link: Option<usize>,
+    /// Leave out frames before this time
+    #[arg(long, value_name = "T", value_parser = super::run::instant)]
+    from: Option<f64>,
+    /// Leave out frames after this time
+    #[arg(long, value_name = "T", value_parser = super::run::instant)]
+    to: Option<f64>,
     /// Picture to write, .svg or .png: mean and range over the place, and the means over place and time
     #[arg(short, long = "output", value_name = "FILE")]
     output: Option<PathBuf>,
@@ -54,7 +60,14 @@ pub fn run(args: &LapArgs) -> Result<Outcome, Failure> {
             links.end - 1
         )));
     }
+    let (from_s, to_s) = (args.from.unwrap_or(WHOLE.0), args.to.unwrap_or(WHOLE.1));
+    if to_s < from_s {
+        return Err(Failure::Input("--from is later than --to".into()));
+    }
     if let Some(path) = &args.output {
+        if !path.extension().is_some_and(|e| e == "svg" || e == "png") {
+            return Err(Failure::Input(format!("{}: drawings end in .svg or .png", path.display())));
+        }
         super::check_outputs([path.as_path()], [args.recording.as_path()])?;
     }
     let model = match args.quantity == "gap" {
@@ -67,25 +80,26 @@ pub fn run(args: &LapArgs) -> Result<Outcome, Failure> {
     let told = |e: LapError| {
         Failure::Input(match e {
             LapError::Unknown(why) => why,
-            LapError::Short { frames } => format!("{name} has {frames} frames; a way round takes two or more"),
+            LapError::Short { frames } => {
+                format!("{name} has {frames} frames in this time; a way round takes two or more")
+            }
         })
     };
     let mut recorder =
         LapRecorder::new(&args.quantity, &header, args.chain, args.link, model.as_ref()).map_err(told)?;
-    reader.each(Wanted { frames: true, ..Wanted::default() }, WHOLE, |entry| {
-        if let Entry::Frame(frame) = entry {
+    reader.each(Wanted { frames: true, ..Wanted::default() }, (from_s, to_s), |entry| {
+        if let Entry::Frame(frame) = entry
+            && (from_s..=to_s).contains(&frame.t_s)
+        {
             recorder.add(frame, &header);
         }
         Ok(Flow::On)
     })?;
     let lap = recorder.finish(&header).map_err(told)?;
     if let Some(path) = &args.output {
-        let svg = render::lap::svg(&format!("{name}: {}", lap.quantity), &bracketed(&lap.unit), &lap, args.link);
-        let bytes = match path.extension().and_then(|e| e.to_str()) {
-            Some("svg") => svg.into_bytes(),
-            Some("png") => render::png::encode(&svg, 2.0)?,
-            _ => return Err(Failure::Input(format!("{}: drawings end in .svg or .png", path.display()))),
-        };
+        let svg = render::lap::svg(&format!("{name}: {}", lap.quantity), &bracketed(&lap.unit), &lap);
+        let is_png = path.extension().is_some_and(|e| e == "png");
+        let bytes = if is_png { render::png::encode(&svg, 2.0)? } else { svg.into_bytes() };
         crate::output::write(path, &bytes)?;
     }
     let found = if args.json {
@@ -102,7 +116,15 @@ pub fn run(args: &LapArgs) -> Result<Outcome, Failure> {
     answer(&[&reader], found, Outcome::Done)
 }
 
+/// Every place, or the way of the link that is followed.
 fn csv(lap: &Lap) -> String {
+    if lap.link.is_some() {
+        let mut text = String::from("t_s,place_m,value\n");
+        for p in &lap.points {
+            let _infallible = writeln!(text, "{},{:.6},{:e}", p.t_s, p.place_m, p.value);
+        }
+        return text;
+    }
     let mut text = String::from("from_m,to_m,mean,scatter,lowest,highest,samples\n");
     for p in lap.places.iter().filter(|p| p.samples > 0) {
         let _infallible = writeln!(
@@ -117,7 +139,7 @@ fn csv(lap: &Lap) -> String {
 fn text(args: &LapArgs, name: &str, lap: &Lap) -> String {
     let mut text = format!(
         "{name}: {} {} of {} links over a loop of {:.2} mm; {} frames from {:.3} to {:.3} ms, {:.3} laps\n\
-         from [mm]    to [mm]          mean       scatter        lowest       highest  where\n",
+         from [mm]    to [mm]          mean       scatter        lowest       highest   samples  where\n",
         lap.quantity,
         bracketed(&lap.unit),
         lap.links,
@@ -133,10 +155,21 @@ fn text(args: &LapArgs, name: &str, lap: &Lap) -> String {
             0 => format!("{:>14}{:>14}{:>14}{:>14}", "-", "-", "-", "-"),
             _ => [s.mean, s.scatter, s.lowest, s.highest].map(|v| format!("{:>14}", digits(v))).concat(),
         };
-        let _infallible = writeln!(text, "{:9.2}  {:9.2}{numbers}  {}", 1e3 * s.from_m, 1e3 * s.to_m, zone.name);
+        let _infallible =
+            writeln!(text, "{:9.2}  {:9.2}{numbers}{:>10}  {}", 1e3 * s.from_m, 1e3 * s.to_m, s.samples, zone.name);
+    }
+    let extreme = |better: fn(f64, f64) -> bool| {
+        let mut found: Option<&LapPoint> = None;
+        for p in &lap.points {
+            found = found.filter(|f| !better(p.value, f.value)).or(Some(p));
+        }
+        found.map(|p| format!("{} at {:.2} mm ({:.3} ms)", digits(p.value), 1e3 * p.place_m, 1e3 * p.t_s))
+    };
+    if let (Some(link), Some(low), Some(high)) = (lap.link, extreme(|a, b| a < b), extreme(|a, b| a > b)) {
+        let _infallible = writeln!(text, "link {link}: lowest {low}, highest {high}");
     }
     for why in &lap.lacking {
-        let _infallible = writeln!(text, "not measured: {why}");
+        let _infallible = writeln!(text, "note: {why}");
     }
     if let Some(path) = &args.output {
         let _infallible = writeln!(text, "drawn in {}", path.display());

@@ -145,6 +145,8 @@ pub fn identify(
         };
         report.warnings.push(format!("the fit ended where a sample takes {most:.0} steps, and {what}"));
     }
+    // What comes after this changes no name.
+    let cut_short = found.cut_short || context.must_end();
     if !context.must_end() {
         context.report("inverse dynamics: the same numbers by another way");
         report.inverse_dynamics = inverse::second_voice(&found.best, context);
@@ -167,13 +169,11 @@ pub fn identify(
         context.report("searching an unnamed formula");
         report.unnamed = unnamed::search(&found.best, &own, context);
     }
-    // The budget may have cut off the last stages alone.
-    let cut_short = found.cut_short || context.must_end();
     if report.outcome == IdentificationVerdict::Named && (!report.doubts.is_empty() || cut_short) {
         report.outcome = IdentificationVerdict::Lead;
     }
     report.interrupted = context.stop.load(Ordering::Relaxed);
-    report.budget_spent = cut_short && !report.interrupted;
+    report.budget_spent = context.must_end() && !report.interrupted;
     report.model_runs = context.runs.load(Ordering::Relaxed);
     Ok(report)
 }

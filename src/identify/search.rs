@@ -709,6 +709,9 @@ fn record_trial(trials: &mut Vec<Trial>, identity: String, beside: &[String], pr
 /// So many orders of one effect on one body are fitted at most, those that promise most.
 const ORDERS_FITTED: usize = 3;
 
+/// Why there is no fit of an effect that the end of the budget has left out.
+const NOT_LOOKED_AT: &str = "not looked at: the budget was spent";
+
 /// The model with one more effect, in every form that justifies a fit.
 fn extend_by_one_effect<'a>(
     screened: ScreenedHypotheses,
@@ -725,6 +728,7 @@ fn extend_by_one_effect<'a>(
             reasons.push(r);
         }
     }
+    let unseen = |i: usize| screenings[i].columns.is_empty() && !screenings[i].idle;
     // The best form of every identity; hypotheses that cannot be screened are always fitted.
     let mut order: Vec<usize> = (0..hypotheses.len()).collect();
     order.sort_by(|a, b| screenings[*b].gain.total_cmp(&screenings[*a].gain).then(a.cmp(b)));
@@ -732,7 +736,7 @@ fn extend_by_one_effect<'a>(
     let mut chosen: Vec<usize> = Vec::new();
     let mut linear = 0;
     for i in order {
-        let unscreened = screenings[i].columns.is_empty() && !screenings[i].idle;
+        let unscreened = unseen(i);
         let id = hypotheses[i].identity();
         let others = chosen.iter().filter(|c| hypotheses[**c].identity() == id).count();
         let useful = unscreened || screenings[i].gain > (0.1 * most).max(1e-4);
@@ -767,9 +771,10 @@ fn extend_by_one_effect<'a>(
                 rms_fit: None,
                 rms_judge: None,
                 score: None,
-                why: match screenings[i].idle {
-                    true => "changes nothing in these records".into(),
-                    false => "screening: explains less than others".into(),
+                why: match (screenings[i].idle, unseen(i) && context.must_end()) {
+                    (true, _) => "changes nothing in these records".into(),
+                    (false, true) => NOT_LOOKED_AT.into(),
+                    (false, false) => "screening: explains less than others".into(),
                 },
             });
         }
@@ -806,7 +811,14 @@ fn extend_by_one_effect<'a>(
     });
     let mut models: Vec<FittedModel<'a>> = Vec::new();
     for (i, m) in jobs.iter().zip(fits) {
-        let Some(mut m) = m else { continue };
+        let Some(mut m) = m else {
+            let identity = hypotheses[*i].identity();
+            if trials.iter().all(|t| t.identity != identity || t.beside != beside) {
+                let (promised, beside, why) = (screenings[*i].gain, beside.clone(), NOT_LOOKED_AT.into());
+                trials.push(Trial { identity, beside, promised, rms_fit: None, rms_judge: None, score: None, why });
+            }
+            continue;
+        };
         m.threads = context.threads;
         let id = m.identity();
         let rms_fit = stats::rms(&m.fit_residuals[0]);

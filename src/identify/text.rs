@@ -103,7 +103,12 @@ fn write_all(t: &mut String, r: &IdentificationReport) {
             } else {
                 "a fit did not converge"
             };
-            writeln!(t, "PARTIAL: {why}; more effects may exist, and the result is less certain")?;
+            // A name that stands was found in time.
+            let then = match r.outcome == IdentificationVerdict::Named && r.converged {
+                true => "what is said of the rest and of inverse dynamics may lack something",
+                false => "more effects may exist, and the result is less certain",
+            };
+            writeln!(t, "PARTIAL: {why}; {then}")?;
         }
         errors(t, r)?;
         prediction(t, r)?;

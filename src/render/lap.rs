@@ -1,7 +1,7 @@
 //! A number over the way round a loop as SVG: above its mean and range at every place, and one link's own, below its means over place and time.
 
 use super::escape;
-use crate::analysis::lap::{Lap, LapZone, PlaceStatistics};
+use crate::analysis::lap::{Lap, LapZone, PlaceStatistics, ZoneKind};
 use crate::recording::palette::{CURVE_COLOURS, hex};
 use std::fmt::Write;
 
@@ -16,8 +16,8 @@ const LOW: [f64; 3] = [33.0, 102.0, 172.0];
 const MIDDLE: [f64; 3] = [247.0, 247.0, 247.0];
 const HIGH: [f64; 3] = [178.0, 24.0, 43.0];
 
-/// The picture. `title`: recording and quantity; `unit`: in brackets; `link`: the link that is followed, if one is.
-pub fn svg(title: &str, unit: &str, lap: &Lap, link: Option<usize>) -> String {
+/// The picture. `title`: recording and quantity; `unit`: in brackets.
+pub fn svg(title: &str, unit: &str, lap: &Lap) -> String {
     let seen = |p: &&PlaceStatistics| p.samples > 0;
     let ends = lap.places.iter().filter(seen).flat_map(|p| [p.lowest, p.highest]);
     let (low, high) = ends.fold((f64::MAX, f64::MIN), |(a, b), v| (a.min(v), b.max(v)));
@@ -32,42 +32,10 @@ pub fn svg(title: &str, unit: &str, lap: &Lap, link: Option<usize>) -> String {
         w = PAGE.0,
         h = PAGE.1,
     );
-    for p in lap.places.iter().filter(seen) {
-        let (left, right) = (x(p.from_m), x(p.to_m));
-        let _infallible = writeln!(
-            s,
-            "<rect x=\"{left:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{:.1}\" fill=\"#cdd7e6\"/>",
-            y(p.highest),
-            (right - left).max(0.6),
-            (y(p.lowest) - y(p.highest)).max(0.6)
-        );
-    }
-    let middle = |p: &PlaceStatistics| x(0.5 * (p.from_m + p.to_m));
-    let means: Vec<(f64, f64)> = lap.places.iter().filter(seen).map(|p| (middle(p), y(p.mean))).collect();
-    s += &line(&means, CURVE_COLOURS[0], 1.6);
-    if let Some(link) = link {
-        let own: Vec<(f64, f64)> = lap.link.iter().map(|(place_m, v)| (x(*place_m), y(*v))).collect();
-        s += &line(&own, CURVE_COLOURS[1], 0.8);
-        let _infallible = writeln!(
-            s,
-            "<text x=\"{:.1}\" y=\"{:.1}\" fill=\"{}\">link {link}</text>",
-            CURVES.0 + CURVES.2 + 8.0,
-            CURVES.1 + 29.0,
-            hex(CURVE_COLOURS[1])
-        );
-    }
-    let _infallible = writeln!(
-        s,
-        "<text x=\"{:.1}\" y=\"{:.1}\" fill=\"{}\">mean</text><text x=\"{:.1}\" y=\"{:.1}\" fill=\"#8796b0\">range</text>",
-        CURVES.0 + CURVES.2 + 8.0,
-        CURVES.1 + 14.0,
-        hex(CURVE_COLOURS[0]),
-        CURVES.0 + CURVES.2 + 8.0,
-        CURVES.1 + 44.0
-    );
+    s += &curves(lap, &x, &y);
     s += &upright(CURVES, &format!("{} {unit}", lap.quantity), (low, high));
     s += &strip(&lap.zones, x);
-    s += &map(lap);
+    s += &map(lap, unit);
     for field in [CURVES, MAP] {
         let under = field.1 + field.3 + if field.1 == CURVES.1 { STRIP } else { 0.0 };
         for k in 0..=8 {
@@ -90,6 +58,36 @@ pub fn svg(title: &str, unit: &str, lap: &Lap, link: Option<usize>) -> String {
     s + "</svg>\n"
 }
 
+/// Mean and range of every place, and the way of the link that is followed.
+fn curves(lap: &Lap, x: &dyn Fn(f64) -> f64, y: &dyn Fn(f64) -> f64) -> String {
+    let mut s = String::new();
+    let seen = || lap.places.iter().filter(|p| p.samples > 0);
+    for p in seen() {
+        let (left, right) = (x(p.from_m), x(p.to_m));
+        let _infallible = writeln!(
+            s,
+            "<rect x=\"{left:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{:.1}\" fill=\"#cdd7e6\"/>",
+            y(p.highest),
+            (right - left).max(0.6),
+            (y(p.lowest) - y(p.highest)).max(0.6)
+        );
+    }
+    let means: Vec<(f64, f64)> = seen().map(|p| (x(0.5 * (p.from_m + p.to_m)), y(p.mean))).collect();
+    s += &line(&means, CURVE_COLOURS[0], 1.6);
+    let mut key = |row: usize, colour: &str, word: &str| {
+        let (left, top) = (CURVES.0 + CURVES.2 + 8.0, CURVES.1 + 14.0 + 15.0 * row as f64);
+        let _infallible = writeln!(s, "<text x=\"{left:.1}\" y=\"{top:.1}\" fill=\"{colour}\">{word}</text>");
+    };
+    key(0, &hex(CURVE_COLOURS[0]), "mean");
+    key(1, "#8796b0", "range");
+    if let Some(link) = lap.link {
+        key(2, &hex(CURVE_COLOURS[1]), &format!("link {link}"));
+        let own: Vec<(f64, f64)> = lap.points.iter().map(|p| (x(p.place_m), y(p.value))).collect();
+        s += &line(&own, CURVE_COLOURS[1], 0.8);
+    }
+    s
+}
+
 /// A line through points; it is not drawn back to the left, where a link begins its next lap.
 fn line(points: &[(f64, f64)], colour: [u8; 3], width: f64) -> String {
     let mut d = String::new();
@@ -107,11 +105,10 @@ fn strip(zones: &[LapZone], x: impl Fn(f64) -> f64) -> String {
     let mut s = String::new();
     for zone in zones {
         let (left, right) = (x(zone.statistics.from_m), x(zone.statistics.to_m));
-        let on = zone.name.strip_prefix("on ");
-        let (fill, ink) = match (on, zone.name.contains(", over ")) {
-            (Some(_), _) => ("#44546a", "#fff"),
-            (None, true) => ("#a9b4c4", "#222"),
-            (None, false) => ("#e8ecf2", "#222"),
+        let (fill, ink) = match zone.kind {
+            ZoneKind::Sprocket => ("#44546a", "#fff"),
+            ZoneKind::Guide => ("#a9b4c4", "#222"),
+            ZoneKind::Span => ("#e8ecf2", "#222"),
         };
         let _infallible = writeln!(
             s,
@@ -120,18 +117,14 @@ fn strip(zones: &[LapZone], x: impl Fn(f64) -> f64) -> String {
             right - left,
             escape(&zone.name)
         );
-        let word = match zone.name.split_once(", over ") {
-            Some((_, guide)) => crate::diag::last_name(guide),
-            None => on.unwrap_or(""),
-        };
         // So many user units a letter has.
-        if right - left > 7.0 * word.len() as f64 {
+        if right - left > 7.0 * zone.short.len() as f64 {
             let _infallible = writeln!(
                 s,
                 "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\" font-size=\"10\" fill=\"{ink}\">{}</text>",
                 0.5 * (left + right),
                 CURVES.1 + CURVES.3 + 10.5,
-                escape(word)
+                escape(&zone.short)
             );
         }
     }
@@ -139,7 +132,7 @@ fn strip(zones: &[LapZone], x: impl Fn(f64) -> f64) -> String {
 }
 
 /// Means over place and time, time downwards, with its scale.
-fn map(lap: &Lap) -> String {
+fn map(lap: &Lap, unit: &str) -> String {
     let cells = || lap.map.means.iter().flatten().flatten();
     let (low, high) = cells().fold((f64::MAX, f64::MIN), |(a, b), v| (a.min(*v), b.max(*v)));
     let range = if high > low { high - low } else { 1.0 };
@@ -163,6 +156,7 @@ fn map(lap: &Lap) -> String {
     }
     s += &upright(MAP, "time [ms], downwards", (1e3 * to_s, 1e3 * from_s));
     let left = MAP.0 + MAP.2 + 14.0;
+    let _infallible = writeln!(s, "<text x=\"{left}\" y=\"{:.1}\">mean {}</text>", MAP.1 - 8.0, escape(unit));
     for k in 0..40 {
         let share = f64::from(k) / 39.0;
         let _infallible = writeln!(

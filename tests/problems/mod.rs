@@ -166,15 +166,10 @@ impl SmallProblem {
             Err(e) => return refused(&e.to_string()),
         };
         let runs_are_over = self.budget.runs.is_some_and(|most| report.model_runs >= most);
-        let time_is_over = self.budget.seconds.is_some_and(|most| started.elapsed().as_secs_f64() >= most);
         assert!(report.budget_spent || !runs_are_over, "{} runs, and not marked", report.model_runs);
-        // A clock that runs out after the last look marks nothing.
-        let late = self.budget.seconds.is_some_and(|most| started.elapsed().as_secs_f64() >= 1.5 * most + 0.2);
-        assert!(report.budget_spent || !(time_is_over && late), "ended after {:?}, and not marked", started.elapsed());
         assert!(!report.interrupted);
         let shown = text::text(&report);
         assert!(shown.contains(&format!("{:?}", report.outcome).to_uppercase()), "{shown}");
-        assert!(!(report.budget_spent && format!("{:?}", report.outcome) == "Named"), "named and cut off: {shown}");
         assert!(!shown.contains("NaN"), "{shown}");
         serde_json::to_string(&report).expect("a report is JSON");
         for e in &report.effects {
