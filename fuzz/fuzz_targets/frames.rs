@@ -84,7 +84,7 @@ fuzz_target!(|data: &[u8]| {
         Ok(Flow::On)
     });
     if let Some(frame) = frames.first() {
-        let options = SnapshotOptions { around: ViewCentre::Drive, width_mm: Some(40.0), joints: true };
+        let options = SnapshotOptions { around: ViewCentre::Drive, width_mm: Some(40.0), joints: true, impacts: &[] };
         assert!(draw(&header, &[frame], options).svg.ends_with("</svg>\n"));
     }
 });

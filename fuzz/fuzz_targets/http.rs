@@ -4,7 +4,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use pitchline::local_server::http::{Site, talk};
+use pitchline::local_server::http::{Site, serve_connection};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -17,7 +17,7 @@ fuzz_target!(|data: &[u8]| {
     let site = Arc::new(Site { port: 80, pages, recording: ("/recording.rrd", "Cargo.toml".into()) });
     runtime.block_on(async {
         let (ours, theirs) = tokio::io::duplex(1 << 12);
-        let talking = tokio::spawn(talk(ours, site));
+        let talking = tokio::spawn(serve_connection(ours, site));
         let (mut from, mut to) = tokio::io::split(theirs);
         let reading = tokio::spawn(async move {
             let mut answers = Vec::new();

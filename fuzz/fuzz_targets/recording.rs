@@ -17,7 +17,7 @@ fuzz_target!(|data: &[u8]| {
             let wanted = Wanted { frames: true, heads: false, keyframes: true, events: true, impacts: true };
             let read = reader.each(wanted, WHOLE, |_| Ok(Flow::On));
             let _printable = read.map_err(|e| format!("{e:#}"));
-            let _near = reader.frame_near(1e-3).map_err(|e| format!("{e:#}"));
+            let _near = reader.frame_at(1e-3).map_err(|e| format!("{e:#}"));
             let _before = reader.keyframe_before(1e-3).map_err(|e| format!("{e:#}"));
             let _loss = reader.loss();
         }
