@@ -61,7 +61,7 @@ pub struct LapZone {
     pub name: String,
     #[serde(skip)]
     pub kind: ZoneKind,
-    /// Of the sprocket or the guide; empty for a span.
+    /// Name of the sprocket or guide alone, without what it is; empty for a span.
     #[serde(skip)]
     pub short: String,
     #[serde(flatten)]

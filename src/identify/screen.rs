@@ -26,7 +26,8 @@ pub struct ScreeningResult {
 }
 
 impl ScreeningResult {
-    /// That of a hypothesis which was not looked at, or cannot be: it promises nothing, and may change everything.
+    /// The result of a hypothesis that was not screened, for lack of time or because no small column can show it. It has no gain and is not idle, so
+    /// that nothing speaks for it or against it.
     pub fn unseen(h: &Hypothesis, records: usize) -> ScreeningResult {
         let fit_start = FitStart { values: h.values.clone(), phases: vec![0.0; records], travels: Vec::new() };
         ScreeningResult { gain: 0.0, fit_start, columns: Vec::new(), idle: false }

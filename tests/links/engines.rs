@@ -53,6 +53,15 @@ pub const ENGINE_CASES: [Case; 7] = [
     },
 ];
 
+/// What is measured on drives with a hydraulic tensioner.
+const WITH_PRESSURE: [(&str, &str, &str); 5] = [
+    ("cam", "sensors.tachometer.cam", "rad/s"),
+    ("travel", "sensors.displacement.plunger", "m"),
+    ("pressure", "sensors.pressure.chamber", "Pa"),
+    ("tight", "sensors.strain_gauge.tight", "N"),
+    ("slack", "sensors.strain_gauge.slack", "N"),
+];
+
 /// The rig of a case.
 pub fn engine(case: &Case) -> Rig {
     match case.name.split(',').next() {
@@ -100,13 +109,7 @@ pub fn ford_v6() -> Rig {
     Rig {
         text: (*text).to_string(),
         sensors: "",
-        channels: &[
-            ("cam", "sensors.tachometer.cam", "rad/s"),
-            ("travel", "sensors.displacement.plunger", "m"),
-            ("pressure", "sensors.pressure.chamber", "Pa"),
-            ("tight", "sensors.strain_gauge.tight", "N"),
-            ("slack", "sensors.strain_gauge.slack", "N"),
-        ],
+        channels: &WITH_PRESSURE,
         driver: "speeds.constant.crank.speed_rpm",
         speeds: [(3000.0, "fit"), (5000.0, "fit"), (4000.0, "judge")],
         noise: &[("travel", 3e-6)],
@@ -133,13 +136,7 @@ pub fn gasoline_3cyl() -> Rig {
     Rig {
         text: (*text).to_string(),
         sensors: "",
-        channels: &[
-            ("cam", "sensors.tachometer.cam", "rad/s"),
-            ("travel", "sensors.displacement.plunger", "m"),
-            ("pressure", "sensors.pressure.chamber", "Pa"),
-            ("tight", "sensors.strain_gauge.tight", "N"),
-            ("slack", "sensors.strain_gauge.slack", "N"),
-        ],
+        channels: &WITH_PRESSURE,
         driver: "speeds.constant.crank.speed_rpm",
         speeds: [(2000.0, "fit"), (4000.0, "fit"), (3000.0, "judge")],
         noise: &[("travel", 3e-6)],
