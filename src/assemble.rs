@@ -203,6 +203,7 @@ fn add_mechanisms(model: &mut Model, drive: &Drive) {
     model.add_shafts(drive);
     model.add_valves(drive);
     model.add_oil(drive);
+    model.add_ratchets(drive);
     model.add_bearings(drive);
     model.add_blades(drive);
 }
@@ -372,7 +373,7 @@ fn assemble_from(drive: &Drive, isa: Isa, shared: Option<&SharedParts>) -> Resul
 fn resting_sliders(model: &Model, q: &Configuration) -> Vec<RestingSlider> {
     let tips = model.touches.iter().filter_map(|t| match t.shape {
         TouchShape::Tip { slider, .. } => Some((slider, t)),
-        TouchShape::Stop { .. } | TouchShape::Cam(_) => None,
+        TouchShape::Stop { .. } | TouchShape::Pawl { .. } | TouchShape::Cam(_) => None,
     });
     let of = |(coordinate, touch): (usize, &Touch)| {
         let slider = model.sliders.iter().find(|s| s.coordinate == coordinate);
@@ -773,7 +774,7 @@ impl SteadinessMonitor {
             .sprockets
             .iter()
             .zip(&self.means)
-            .filter(|(s, _)| model.coordinates[s.coordinate].is_free())
+            .filter(|(s, _)| model.coordinates[s.coordinate].is_free() && s.nominal_speed_rad_s != 0.0)
             .map(|(s, means)| spread(means) / s.nominal_speed_rad_s.abs())
             .collect();
         let mean = self.tension_means.iter().sum::<f64>() / self.tension_means.len().max(1) as f64;

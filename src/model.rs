@@ -18,7 +18,7 @@ mod valves;
 pub use bearings::BearingModel;
 pub use blades::BladeModel;
 pub use chain::ChainModel;
-pub use mechanism::SliderModel;
+pub use mechanism::{Ratchet, SliderModel};
 pub use parts::runs_through;
 use parts::{
     build_bore, build_coordinates, build_end_bodies, build_guides, build_rails, check_clearances, join_end_bodies,
@@ -255,6 +255,8 @@ pub struct Model {
     pub bores: Vec<Option<Bore>>,
     /// Plungers of tensioners.
     pub sliders: Vec<SliderModel>,
+    /// Pawls of plungers.
+    pub ratchets: Vec<Ratchet>,
     /// Oil of tensioners.
     pub oil: Option<Network>,
     /// Loads by laws of the catalogue.
@@ -382,6 +384,7 @@ impl Model {
             rails,
             touches,
             sliders,
+            ratchets: Vec::new(),
             oil: None,
             loads: Vec::new(),
             order_loads: Vec::new(),
@@ -433,6 +436,7 @@ impl Model {
             rails: Vec::new(),
             touches: Vec::new(),
             sliders: Vec::new(),
+            ratchets: Vec::new(),
             oil: None,
             loads: Vec::new(),
             order_loads: Vec::new(),

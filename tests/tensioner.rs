@@ -118,6 +118,38 @@ fn a_working_tensioner_keeps_its_oil_and_its_books() {
     assert!(seen.most_bar > 4.0 && seen.least_bar < 3.0);
 }
 
+/// A chamber between two pipes of one bore has the pressure that their lengths share out, and the oil through both is Hagen and Poiseuille's; oil and
+/// books are kept.
+#[test]
+fn oil_goes_through_pipes() {
+    let text = include_str!("../assets/drives/tensioner-20-40.toml");
+    let pipes = "[chambers.line]\nvolume_mm3 = 100\n[passages.pipe.from_gallery]\nbetween = [\"gallery\", \"line\"]\ndiameter_mm = 1.2\nlength_mm = 300\n\
+                 [passages.pipe.to_sump]\nbetween = [\"line\", \"sump\"]\ndiameter_mm = 1.2\nlength_mm = 100\n";
+    let drive = Drive::parse("t.toml", &format!("{text}\n{pipes}"), &[]).unwrap_or_else(|e| panic!("{e}"));
+    let mut assembly = assemble(&drive).unwrap_or_else(|e| panic!("{e}"));
+    let before: f64 = assembly.state.oil.oil_m3.iter().chain(&assembly.state.oil.inflow_m3).sum();
+    let seen = run(&mut assembly, 0.02);
+    let (oil, network) = (&assembly.state.oil, assembly.model.oil.as_ref().expect("oil"));
+    let after: f64 = oil.oil_m3.iter().chain(&oil.inflow_m3).sum();
+    let line = network.chambers.iter().position(|c| c.name == "line").expect("a line");
+    let flow_of = |name: &str| {
+        let e = network.passages.iter().position(|p| p.path.ends_with(name)).expect("a pipe");
+        network.flow_m3_s(e, &assembly.state.coordinates.angle, &|_| 0.0, oil)
+    };
+    let known = std::f64::consts::PI * 1.2e-3_f64.powi(4) * 3e5 / (128.0 * 9e-3 * 0.4);
+    println!(
+        "{:.6} bar; {:.6e} and {:.6e} m3/s, known {known:.6e}; oil {:.1e}, energy {:.1e}",
+        oil.pressure_pa[line] / 1e5,
+        flow_of("from_gallery"),
+        flow_of("to_sump"),
+        after / before - 1.0,
+        seen.energy_error
+    );
+    assert!((oil.pressure_pa[line] / 0.75e5 - 1.0).abs() < 1e-6);
+    assert!((flow_of("from_gallery") / known - 1.0).abs() < 1e-6 && (flow_of("to_sump") / known - 1.0).abs() < 1e-6);
+    assert!((after / before - 1.0).abs() < 1e-12 && seen.energy_error.abs() < 1e-4);
+}
+
 /// A keyframe holds oil and touches: what goes on from it has the bits of the run.
 #[test]
 fn a_run_goes_on_from_a_keyframe_to_the_bit() {
@@ -149,6 +181,12 @@ fn tensioners_that_make_no_sense_are_refused_where_they_stand() {
         ("tip = \"plunger\"", "tip = \"piston\"", "no slider is called `piston`"),
         ("volume_mm3 = 2000 ", "volume_mm3 = 200 ", "leaves no room in chamber `high`"),
         ("gap_um = 30 ", "gap_um = 1200 ", "too wide"),
+        (
+            "[passages.check.feed]",
+            "[passages.pipe.feed]\ndiameter_mm = 4\nlength_mm = 300\nroughness_um = 50",
+            "rougher",
+        ),
+        ("[passages.check.feed]", "[passages.pipe.feed]\ndiameter_mm = 4\nlength_mm = 30", "too short"),
         ("[reservoirs.sump]", "[reservoirs.high]", "a chamber and a reservoir are called `high`"),
         ("[contact.tip.hunt_crossley]", "[contact.tip.soft]", "contact laws"),
     ] {

@@ -4,6 +4,7 @@ pub mod arrivals;
 pub mod audit;
 pub mod blame;
 pub mod compared_impacts;
+pub mod damping;
 pub mod diff;
 pub mod explain;
 pub mod lap;

@@ -14,7 +14,7 @@
 use super::signal::Signal;
 use crate::diag::last_name;
 use crate::recording::frame::{Frame, Header};
-use crate::recording::reader::{Entry, Flow, Reader, WHOLE, Wanted};
+use crate::recording::reader::{Entry, Flow, Reader, Wanted};
 use crate::statistics::median;
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -119,12 +119,14 @@ pub enum SpectrumError {
     Short { turns: f64, needed: f64, needed_s: f64 },
 }
 
-/// Reads a signal of a recording.
-pub fn read(reader: &mut Reader, signal: &Signal) -> anyhow::Result<AngleRecord> {
+/// Reads a signal of a recording, between two times with their ends.
+pub fn read(reader: &mut Reader, signal: &Signal, (from_s, to_s): (f64, f64)) -> anyhow::Result<AngleRecord> {
     let header = reader.header().clone();
     let mut recorder = AngleRecorder::new(signal.clone(), &header);
-    reader.each(Wanted { frames: true, ..Wanted::default() }, WHOLE, |entry| {
-        if let Entry::Frame(frame) = entry {
+    reader.each(Wanted { frames: true, ..Wanted::default() }, (from_s, to_s), |entry| {
+        if let Entry::Frame(frame) = entry
+            && (from_s..=to_s).contains(&frame.t_s)
+        {
             recorder.add(frame, &header);
         }
         Ok(Flow::On)

@@ -26,6 +26,8 @@ impl OrderTrack {
 /// A number's orders over the windows of a record.
 #[derive(Clone, Debug)]
 pub struct OrderTracks {
+    /// Turns of the driver in a window.
+    pub window_turns: f64,
     /// Mean speed of the driver in every window [1/s], and its middle [s].
     pub turns_per_s: Vec<f64>,
     pub times_s: Vec<f64>,
@@ -66,6 +68,7 @@ pub fn tracks(
     }
     let step = 1.0 / (window_turns * PER_RESOLUTION);
     let mut found = OrderTracks {
+        window_turns,
         turns_per_s: Vec::new(),
         times_s: Vec::new(),
         tracks: Vec::new(),

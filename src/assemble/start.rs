@@ -84,6 +84,7 @@ pub fn resting_state(model: &Model, q: &Configuration) -> State {
     }
     state.coordinates.angle.copy_from_slice(&q.coordinates);
     wrap_angles(model, &mut state.coordinates.angle);
+    model.engage_pawls(&mut state.coordinates.angle);
     for (k, angle) in q.coordinates.iter().enumerate() {
         (state.coordinates.sin[k], state.coordinates.cos[k]) = sin_cos(*angle);
     }

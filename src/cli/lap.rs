@@ -1,6 +1,6 @@
 //! `pitchline lap`: a number of links or joints over their way round the loop.
 
-use super::spectrum::{bracketed, digits};
+use super::sheet::{SheetArgs, bracketed, digits};
 use super::{Answer, Failure, Outcome, answer};
 use crate::analysis::lap::{Lap, LapError, LapPoint, LapRecorder};
 use crate::assemble::compile;
@@ -29,15 +29,8 @@ pub struct LapArgs {
     /// Leave out frames after this time
     #[arg(long, value_name = "T", value_parser = super::run::instant)]
     to: Option<f64>,
-    /// Picture to write, .svg or .png: mean and range over the place, and the means over place and time
-    #[arg(short, long = "output", value_name = "FILE")]
-    output: Option<PathBuf>,
-    /// Print JSON
-    #[arg(long, conflicts_with = "csv")]
-    json: bool,
-    /// Print every place as CSV
-    #[arg(long)]
-    csv: bool,
+    #[command(flatten)]
+    sheet: SheetArgs,
 }
 
 pub fn run(args: &LapArgs) -> Result<Outcome, Failure> {
@@ -64,12 +57,7 @@ pub fn run(args: &LapArgs) -> Result<Outcome, Failure> {
     if to_s < from_s {
         return Err(Failure::Input("--from is later than --to".into()));
     }
-    if let Some(path) = &args.output {
-        if !path.extension().is_some_and(|e| e == "svg" || e == "png") {
-            return Err(Failure::Input(format!("{}: drawings end in .svg or .png", path.display())));
-        }
-        super::check_outputs([path.as_path()], [args.recording.as_path()])?;
-    }
+    args.sheet.check([args.recording.as_path()])?;
     let model = match args.quantity == "gap" {
         true => {
             let drive = crate::replay::drive_of(reader.path(), &header, &[])?;
@@ -96,19 +84,14 @@ pub fn run(args: &LapArgs) -> Result<Outcome, Failure> {
         Ok(Flow::On)
     })?;
     let lap = recorder.finish(&header).map_err(told)?;
-    if let Some(path) = &args.output {
-        let svg = render::lap::svg(&format!("{name}: {}", lap.quantity), &bracketed(&lap.unit), &lap);
-        let is_png = path.extension().is_some_and(|e| e == "png");
-        let bytes = if is_png { render::png::encode(&svg, 2.0)? } else { svg.into_bytes() };
-        crate::output::write(path, &bytes)?;
-    }
-    let found = if args.json {
+    args.sheet.draw(|| render::lap::svg(&format!("{name}: {}", lap.quantity), &bracketed(&lap.unit), &lap))?;
+    let found = if args.sheet.json {
         let mut json = serde_json::to_value(&lap).map_err(|e| Failure::World(e.to_string()))?;
         if let Some(object) = json.as_object_mut() {
             object.insert("recording".into(), serde_json::json!(args.recording));
         }
         Answer::Json(json)
-    } else if args.csv {
+    } else if args.sheet.csv {
         Answer::Text(csv(&lap))
     } else {
         Answer::Text(text(args, &name, &lap))
@@ -171,8 +154,5 @@ fn text(args: &LapArgs, name: &str, lap: &Lap) -> String {
     for why in &lap.lacking {
         let _infallible = writeln!(text, "note: {why}");
     }
-    if let Some(path) = &args.output {
-        let _infallible = writeln!(text, "drawn in {}", path.display());
-    }
-    text
+    text + &args.sheet.drawn()
 }

@@ -7,6 +7,7 @@ mod audit;
 mod check;
 mod compare;
 mod completions;
+mod damping;
 mod diff;
 mod drives;
 mod effects;
@@ -28,6 +29,7 @@ mod pair_stats;
 mod replay;
 mod reproduce;
 mod run;
+mod sheet;
 mod snapshot;
 mod spectrum;
 mod study;
@@ -75,6 +77,11 @@ fn verbs() -> Vec<Verb> {
         verb("audit", "Measure every part from the frames of a recording, and say what stands out", audit::run),
         verb("spectrum", "Show the orders of a quantity of a recording, and what turns with them", spectrum::run),
         verb("orders", "Follow the orders of a quantity while the speed changes", orders::run),
+        verb(
+            "damping",
+            "Find frequencies and damping of a quantity from its decay, or from a resonance of a run-up",
+            damping::run,
+        ),
         verb("lap", "Show a number of links or joints over their way round the loop, by zones", lap::run),
         verb("modes", "Show frequencies, damping and shapes of a drive at rest under its load", modes::run),
         verb("explain", "Explain the state of a link: every force on it, and their origin", explain::run),

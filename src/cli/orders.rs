@@ -1,10 +1,12 @@
 //! `pitchline orders`: orders of a number while the speed changes.
 
-use super::spectrum::{SHOWN, bracketed, digits};
+use super::sheet::{SheetArgs, bracketed, digits};
+use super::spectrum::SHOWN;
 use super::{Answer, Failure, Outcome, answer};
 use crate::analysis::order_spectrum::{AngleRecord, SpectrumError, read};
 use crate::analysis::order_tracks::{OrderTracks, tracks};
 use crate::analysis::signal::Signal;
+use crate::recording::reader::WHOLE;
 use crate::render;
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -27,15 +29,8 @@ pub struct OrdersArgs {
     /// Leave out orders above this one
     #[arg(long, value_name = "ORDER", value_parser = super::finite)]
     to_order: Option<f64>,
-    /// Picture to write, .svg or .png: spectra over speed and frequency, and the orders over the speed
-    #[arg(short, long = "output", value_name = "FILE")]
-    output: Option<PathBuf>,
-    /// Print JSON
-    #[arg(long, conflicts_with = "csv")]
-    json: bool,
-    /// Print every window as CSV
-    #[arg(long)]
-    csv: bool,
+    #[command(flatten)]
+    sheet: SheetArgs,
 }
 
 pub fn run(args: &OrdersArgs) -> Result<Outcome, Failure> {
@@ -45,10 +40,11 @@ pub fn run(args: &OrdersArgs) -> Result<Outcome, Failure> {
     if let Some(order) = args.order.iter().find(|order| **order <= 0.0) {
         return Err(Failure::Input(format!("--order {order}: orders are above zero")));
     }
+    args.sheet.check([args.recording.as_path()])?;
     let mut reader = super::open_recording(&args.recording)?;
     let header = reader.header().clone();
     let signal = Signal::find(&args.quantity, &header).map_err(|e| Failure::Input(e.to_string()))?;
-    let record = read(&mut reader, &signal)?;
+    let record = read(&mut reader, &signal, WHOLE)?;
     let half = 0.5 / (record.interval_s * record.turns_per_s).max(1e-12);
     let highest = args.to_order.unwrap_or(SHOWN * half).min(half);
     if let Some(order) = args.order.iter().find(|order| **order > half) {
@@ -72,18 +68,11 @@ pub fn run(args: &OrdersArgs) -> Result<Outcome, Failure> {
             ),
         })
     })?;
-    if let Some(path) = &args.output {
-        super::check_outputs([path.as_path()], [args.recording.as_path()])?;
+    args.sheet.draw(|| {
         let title = format!("{name}: {}", signal.name);
-        let svg = render::orders::svg(&title, &bracketed(&signal.unit), &record.driver, &found, highest);
-        let bytes = match path.extension().and_then(|e| e.to_str()) {
-            Some("svg") => svg.into_bytes(),
-            Some("png") => render::png::encode(&svg, 2.0)?,
-            _ => return Err(Failure::Input(format!("{}: drawings end in .svg or .png", path.display()))),
-        };
-        crate::output::write(path, &bytes)?;
-    }
-    let found = if args.json {
+        render::orders::svg(&title, &bracketed(&signal.unit), &record.driver, &found, highest)
+    })?;
+    let found = if args.sheet.json {
         Answer::Json(serde_json::json!({
             "recording": args.recording,
             "quantity": signal.name,
@@ -95,7 +84,7 @@ pub fn run(args: &OrdersArgs) -> Result<Outcome, Failure> {
             "mean": found.means,
             "orders": found.tracks,
         }))
-    } else if args.csv {
+    } else if args.sheet.csv {
         Answer::Text(csv(&found))
     } else {
         Answer::Text(text(args, &name, &signal, &record, &found))
@@ -148,8 +137,5 @@ fn text(args: &OrdersArgs, name: &str, signal: &Signal, record: &AngleRecord, fo
             if track.names.is_empty() { "-".to_string() } else { track.names.join(", ") }
         );
     }
-    if let Some(path) = &args.output {
-        let _infallible = writeln!(text, "drawn in {}", path.display());
-    }
-    text
+    text + &args.sheet.drawn()
 }

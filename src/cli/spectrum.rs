@@ -1,14 +1,15 @@
 //! `pitchline spectrum`: which orders a number of a recording has, and what turns with them.
 
+use super::sheet::{SheetArgs, bracketed, digits};
 use super::{Answer, Failure, Outcome, answer};
 use crate::analysis::audit::findings::difference;
 use crate::analysis::order_spectrum::{
     AngleRecord, AngleSpectrum, LINE_PROMINENCE, SpectrumError, SpectrumPeak, read, spectrum, unresolved,
 };
 use crate::analysis::signal::Signal;
-use crate::recording::reader::Reader;
+use crate::recording::reader::{Reader, WHOLE};
 use crate::render;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 #[derive(clap::Args, Debug)]
 pub struct SpectrumArgs {
@@ -26,15 +27,8 @@ pub struct SpectrumArgs {
     /// Leave out orders above this one, counted per turn of the driver
     #[arg(long, value_name = "ORDER", value_parser = super::finite)]
     to_order: Option<f64>,
-    /// Picture to write, .svg or .png
-    #[arg(short, long = "output", value_name = "FILE")]
-    output: Option<PathBuf>,
-    /// Print JSON
-    #[arg(long, conflicts_with = "csv")]
-    json: bool,
-    /// Print the whole spectrum as CSV: order, frequency, amplitude
-    #[arg(long)]
-    csv: bool,
+    #[command(flatten)]
+    sheet: SheetArgs,
 }
 
 /// Share of the highest order that frames resolve up to which a spectrum is shown: above, interpolation and aliases count.
@@ -58,6 +52,7 @@ struct SpectrumSheet {
 }
 
 pub fn run(args: &SpectrumArgs) -> Result<Outcome, Failure> {
+    args.sheet.check(std::iter::once(args.recording.as_path()).chain(args.against.as_deref()))?;
     let mut reader = super::open_recording(&args.recording)?;
     let header = reader.header().clone();
     let signal = Signal::find(&args.quantity, &header).map_err(|e| Failure::Input(e.to_string()))?;
@@ -86,12 +81,15 @@ pub fn run(args: &SpectrumArgs) -> Result<Outcome, Failure> {
             own.spectrum.resolution()
         )));
     }
-    if let Some(path) = &args.output {
-        draw(path, args, &signal, (&own, theirs.as_ref()), highest)?;
-    }
-    let found = if args.json {
+    args.sheet.draw(|| {
+        let title = format!("{}: {}", own.name, signal.name);
+        let curves: Vec<(&str, &AngleSpectrum)> =
+            std::iter::once(&own).chain(&theirs).map(|s| (s.name.as_str(), &s.spectrum)).collect();
+        render::spectrum::svg(&title, &bracketed(&signal.unit), &own.record.driver, &curves, highest)
+    })?;
+    let found = if args.sheet.json {
         Answer::Json(json(args, &signal, &own, theirs.as_ref(), highest))
-    } else if args.csv {
+    } else if args.sheet.csv {
         Answer::Text(csv(&own, theirs.as_ref(), highest))
     } else {
         Answer::Text(text(args, &signal, &own, theirs.as_ref(), highest))
@@ -102,7 +100,7 @@ pub fn run(args: &SpectrumArgs) -> Result<Outcome, Failure> {
 
 fn sheet(reader: &mut Reader, signal: &Signal) -> Result<SpectrumSheet, Failure> {
     let name = reader.path().display().to_string();
-    let record = read(reader, signal)?;
+    let record = read(reader, signal, WHOLE)?;
     let spectrum = spectrum(&record).map_err(|e| {
         Failure::Input(match e {
             SpectrumError::Few(there, needed) => format!(
@@ -118,31 +116,6 @@ fn sheet(reader: &mut Reader, signal: &Signal) -> Result<SpectrumSheet, Failure>
         })
     })?;
     Ok(SpectrumSheet { record, spectrum, name })
-}
-
-fn draw(
-    path: &Path,
-    args: &SpectrumArgs,
-    signal: &Signal,
-    (own, theirs): (&SpectrumSheet, Option<&SpectrumSheet>),
-    highest: f64,
-) -> Result<(), Failure> {
-    let inputs = std::iter::once(args.recording.as_path()).chain(args.against.as_deref());
-    super::check_outputs([path], inputs)?;
-    let title = format!("{}: {}", own.name, signal.name);
-    let curves: Vec<(&str, &AngleSpectrum)> =
-        std::iter::once(own).chain(theirs).map(|s| (s.name.as_str(), &s.spectrum)).collect();
-    let svg = render::spectrum::svg(&title, &bracketed(&signal.unit), &own.record.driver, &curves, highest);
-    let bytes = match path.extension().and_then(|e| e.to_str()) {
-        Some("svg") => svg.into_bytes(),
-        Some("png") => render::png::encode(&svg, 2.0)?,
-        _ => return Err(Failure::Input(format!("{}: drawings end in .svg or .png", path.display()))),
-    };
-    Ok(crate::output::write(path, &bytes)?)
-}
-
-pub(super) fn bracketed(unit: &str) -> String {
-    if unit.is_empty() { String::new() } else { format!("[{unit}]") }
 }
 
 /// Peaks up to an order, the largest first.
@@ -181,11 +154,6 @@ fn differing(own: &SpectrumSheet, theirs: &SpectrumSheet, highest: f64) -> Vec<(
     let size = |p: &(f64, Vec<String>, f64, f64)| (p.2 - p.3).abs();
     found.sort_by(|p, q| p.1.is_empty().cmp(&q.1.is_empty()).then(size(q).total_cmp(&size(p))));
     found
-}
-
-/// Four digits at least: SI units make some quantities small.
-pub(super) fn digits(value: f64) -> String {
-    if value.abs() >= 0.01 || value == 0.0 { format!("{value:.5}") } else { format!("{value:.3e}") }
 }
 
 fn name_of(names: &[String]) -> String {
@@ -251,8 +219,7 @@ fn text(
     for (name, needed_s) in unresolved(&own.record, s) {
         lines.push(format!("too short for `{name}`: it takes {:.1} ms", needed_s * 1e3));
     }
-    lines.extend(args.output.iter().map(|path| format!("drawn in {}", path.display())));
-    lines.join("\n") + "\n"
+    lines.join("\n") + "\n" + &args.sheet.drawn()
 }
 
 fn csv(own: &SpectrumSheet, theirs: Option<&SpectrumSheet>, highest: f64) -> String {

@@ -197,6 +197,7 @@ fn read_oil_effects(t: &TomlTable<'_>, oil: Option<&OilSpec>, effects: &mut Effe
                 PassageLaw::Orifice { .. } => effect.on == On::Orifice,
                 PassageLaw::Leak { .. } => effect.on == On::Leak,
                 PassageLaw::Check(_) => effect.on == On::Check,
+                PassageLaw::Pipe(_) => false,
             };
             let known: Vec<&str> = passages().filter(|p| takes(&p.law)).map(|p| last_name(&p.path)).collect();
             let [size] = numbers(&t, effect);
@@ -208,7 +209,7 @@ fn read_oil_effects(t: &TomlTable<'_>, oil: Option<&OilSpec>, effects: &mut Effe
             }
             let gap = passages().filter(|p| last_name(&p.path) == passage).find_map(|p| match &p.law {
                 PassageLaw::Leak { gap, .. } => Some(gap),
-                PassageLaw::Orifice { .. } | PassageLaw::Check(_) => None,
+                PassageLaw::Orifice { .. } | PassageLaw::Check(_) | PassageLaw::Pipe(_) => None,
             });
             if gap.is_some_and(|gap| gap.gap_m + size > WIDEST_GAP * gap.diameter_m) {
                 let help = "with the declared gap at most a tenth of the diameter";

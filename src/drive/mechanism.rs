@@ -7,7 +7,7 @@ use crate::diag::last_name;
 use crate::effects::{Effect, leak_gap, oil_air, orifice_diameter};
 use crate::elements::hydraulics::{MAX_CHAMBERS, MAX_PASSAGES};
 use crate::elements::oil::{Oil, OilGrade};
-use crate::elements::passage::{AnnularGap, TRANSITION_REYNOLDS};
+use crate::elements::passage::{AnnularGap, Pipe, ROUGHEST, TRANSITION_REYNOLDS};
 use crate::geometry::Vec2;
 use crate::units::{DEG, MM, UM};
 use std::f64::consts::PI;
@@ -33,6 +33,8 @@ pub struct SliderSpec {
     pub low_m: Option<f64>,
     /// Largest distance outwards; None: no stop [m].
     pub high_m: Option<f64>,
+    /// Teeth that keep it from going back.
+    pub ratchet: Option<RatchetSpec>,
     /// Radius of the tip's rounding [m].
     pub tip_radius_m: f64,
     /// Index of the arm that it presses on.
@@ -41,6 +43,15 @@ pub struct SliderSpec {
     pub pad_radius_m: Option<f64>,
     /// Turn of the pad's normal from the direction against the slider's [rad].
     pub pad_rad: f64,
+}
+
+/// A rack of teeth on a slider, and a pawl that lets it out and not back; a tooth stands at the place where the slider is drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RatchetSpec {
+    /// Distance of the teeth [m].
+    pub pitch_m: f64,
+    /// How far the slider goes back behind the tooth that it has reached, until the pawl holds it [m].
+    pub backlash_m: f64,
 }
 
 /// Oil, and all that it is in and flows through.
@@ -78,7 +89,7 @@ impl OilSpec {
             PassageLaw::Orifice { diameter_m, .. } if *effect == orifice_diameter::ROW => {
                 Some((NARROWEST_HOLE_M - diameter_m, f64::INFINITY))
             }
-            PassageLaw::Leak { .. } | PassageLaw::Orifice { .. } | PassageLaw::Check(_) => None,
+            PassageLaw::Leak { .. } | PassageLaw::Orifice { .. } | PassageLaw::Check(_) | PassageLaw::Pipe(_) => None,
         }
     }
 
@@ -98,6 +109,7 @@ impl OilSpec {
                     gap.gap_m = (gap.gap_m + e.size).max(NARROWEST_GAP_M);
                     None
                 }
+                PassageLaw::Pipe(_) => None,
                 PassageLaw::Check(c) => Some(PassageLaw::Orifice {
                     diameter_m: libm::sqrt(4.0 * e.size / PI),
                     discharge: c.discharge,
@@ -158,6 +170,8 @@ pub enum PassageLaw {
     },
     /// A ball that opens in one direction.
     Check(CheckSpec),
+    /// A long round pipe.
+    Pipe(Pipe),
 }
 
 /// A ball on its seat.
@@ -263,7 +277,9 @@ pub(super) fn read_sliders(root: &TomlTable<'_>, taken: &[String], arms: &[ArmSp
         {
             t.error_at("high_mm", format!("slider `{name}` has no way between its stops"), None);
         }
+        let ratchet = read_ratchet(&t);
         all.push(SliderSpec {
+            ratchet,
             centre: Vec2::new(t.required("x_mm", MM, -1e5..=1e5), t.required("y_mm", MM, -1e5..=1e5)),
             direction_rad: t.required("direction_deg", DEG, -360.0..=360.0),
             mass_kg: t.required("mass_g", 1e-3, 1e-2..=1e6),
@@ -282,6 +298,19 @@ pub(super) fn read_sliders(root: &TomlTable<'_>, taken: &[String], arms: &[ArmSp
     }
     table.finish();
     all
+}
+
+/// The keys of a ratchet; both or none.
+fn read_ratchet(t: &TomlTable<'_>) -> Option<RatchetSpec> {
+    let (pitch, backlash) = ("ratchet_pitch_mm", "ratchet_backlash_mm");
+    match (t.number(pitch, MM, 0.05..=100.0), t.number(backlash, MM, 0.0..=100.0)) {
+        (Some(pitch_m), Some(backlash_m)) => Some(RatchetSpec { pitch_m, backlash_m }),
+        (None, None) => None,
+        (Some(_), None) | (None, Some(_)) => {
+            t.error(format!("`{pitch}` and `{backlash}` go together"), Some("give both, or none".into()));
+            None
+        }
+    }
 }
 
 /// Rounding of a plunger's tip where none is given [m]. assumed.
@@ -407,7 +436,7 @@ fn read_chambers(table: &TomlTable<'_>, sliders: &[SliderSpec]) -> Vec<ChamberSp
 /// `nodes`: names of chambers and reservoirs.
 fn read_passages(table: &TomlTable<'_>, sliders: &[SliderSpec], nodes: &[String]) -> Vec<PassageSpec> {
     let mut all: Vec<PassageSpec> = Vec::new();
-    for kind in ["orifice", "leak", "check"] {
+    for kind in ["orifice", "leak", "pipe", "check"] {
         let of_kind = table.table(kind);
         for (name, t) in of_kind.tables() {
             if all.iter().any(|p| p.path.ends_with(&format!(".{name}"))) {
@@ -421,6 +450,7 @@ fn read_passages(table: &TomlTable<'_>, sliders: &[SliderSpec], nodes: &[String]
                     PassageLaw::Orifice { diameter_m, discharge, transition_reynolds }
                 }
                 "leak" => PassageLaw::Leak { gap: read_gap(&t), slider: read_slider(&t, sliders) },
+                "pipe" => PassageLaw::Pipe(read_pipe(&t)),
                 _ => PassageLaw::Check(read_check(&t)),
             };
             all.push(PassageSpec { path: t.path().to_string(), ends, law });
@@ -439,6 +469,29 @@ fn read_edge(t: &TomlTable<'_>) -> (f64, f64) {
         t.number("transition_reynolds", 1.0, 1.0..=5000.0).unwrap_or(TRANSITION_REYNOLDS),
     )
 }
+
+fn read_pipe(t: &TomlTable<'_>) -> Pipe {
+    let pipe = Pipe {
+        diameter_m: t.required("diameter_mm", MM, 0.1..=1e3),
+        length_m: t.required("length_mm", MM, 1.0..=1e6),
+        roughness_m: t.number("roughness_um", UM, 0.0..=1e4).unwrap_or(0.0),
+    };
+    if pipe.roughness_m > ROUGHEST * pipe.diameter_m {
+        t.error_at("roughness_um", "the pipe is rougher than a hundredth of its diameter".into(), None);
+    }
+    if pipe.length_m < SHORTEST_PIPE * pipe.diameter_m {
+        let help = "a short bore is an orifice, with a `discharge` of about 0.8";
+        t.error_at(
+            "length_mm",
+            "the pipe is too short for its flow to be that of a long one".into(),
+            Some(help.into()),
+        );
+    }
+    pipe
+}
+
+/// Shortest pipe over its diameter. assumed: what the flow loses at its ends is then up to a third of all at Re 4000.
+const SHORTEST_PIPE: f64 = 10.0;
 
 fn read_gap(t: &TomlTable<'_>) -> AnnularGap {
     let gap = AnnularGap {

@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! prescribed   q' = const                                       work in  = -Q_chain q' dt
+//! held         q' = 0
 //! free         I q'' = Q_chain + Q_parts + Q + k (q_free - q) - c q'
 //!              work out = -Q q' dt, lost = c q'^2 dt, stored = k (q - q_free)^2 / 2
 //! ```
@@ -42,6 +43,8 @@ pub enum CoordinateKind {
 pub enum CoordinateMotion {
     /// Speed prescribed [rad/s], counterclockwise positive.
     Prescribed { speed_rad_s: f64 },
+    /// Stands where it is: the pawl of a ratchet between two clicks.
+    Held,
     Free {
         /// Inertia [kg m2] or mass [kg].
         inertia: f64,
@@ -93,7 +96,7 @@ impl Coordinate {
     #[inline(always)]
     pub fn inverse_inertia(&self) -> f64 {
         match self.motion {
-            CoordinateMotion::Prescribed { .. } => 0.0,
+            CoordinateMotion::Prescribed { .. } | CoordinateMotion::Held => 0.0,
             CoordinateMotion::Free { inertia, .. } => 1.0 / inertia,
         }
     }
@@ -102,7 +105,7 @@ impl Coordinate {
     #[inline(always)]
     pub fn load(&self) -> f64 {
         match self.motion {
-            CoordinateMotion::Prescribed { .. } => 0.0,
+            CoordinateMotion::Prescribed { .. } | CoordinateMotion::Held => 0.0,
             CoordinateMotion::Free { load, .. } => load,
         }
     }
@@ -111,7 +114,7 @@ impl Coordinate {
     /// `parts`: forces of the chain and of touching parts.
     pub fn outer_force(&self, at: f64, speed: f64, chain: f64, parts: f64) -> f64 {
         match self.motion {
-            CoordinateMotion::Prescribed { .. } => -chain - parts,
+            CoordinateMotion::Prescribed { .. } | CoordinateMotion::Held => -chain - parts,
             CoordinateMotion::Free { load, .. } if self.spring.is_present() => {
                 load + parts + self.spring.force(at) - self.spring.damping * speed
             }
@@ -127,7 +130,7 @@ impl Coordinate {
     #[inline(always)]
     pub fn acceleration(&self, step_s: f64, at: f64, speed: f64, force: f64) -> f64 {
         match self.motion {
-            CoordinateMotion::Prescribed { .. } => 0.0,
+            CoordinateMotion::Prescribed { .. } | CoordinateMotion::Held => 0.0,
             CoordinateMotion::Free { inertia, load } => {
                 let CoordinateSpring { damping: c, .. } = self.spring;
                 let force = force + load + self.spring.force(at);

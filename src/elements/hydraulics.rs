@@ -151,7 +151,7 @@ impl Network {
             FlowLaw::Leak { wall: Some((k, wall_m2)), .. } if k == coordinate => {
                 Some(wall_m2 * self.drop_pa(p, &at_start))
             }
-            FlowLaw::Orifice(_) | FlowLaw::Leak { .. } | FlowLaw::Check(_) => None,
+            FlowLaw::Orifice(_) | FlowLaw::Leak { .. } | FlowLaw::Check(_) | FlowLaw::Pipe(_) => None,
         });
         pistons + walls.sum::<f64>()
     }

@@ -1,10 +1,12 @@
-//! What oil flows through: orifices, annular gaps, check balls.
+//! What oil flows through: orifices, annular gaps, check balls, pipes.
 //!
 //! ```text
 //! orifice      Q = C_d A sqrt(2/rho) dp / (dp^2 + dp_c^2)^(1/4),  dp_c = (rho/2) (Re_c mu / (rho D C_d))^2
 //! annular leak Q = pi d c^3 (1 + 1.5 e^2) dp / (12 mu l) + b v,   b = pi d c / 2
 //! check ball   orifice of A(x) = 1/sqrt(1/A_slit^2 + 1/A_seat^2), A_slit = pi r s (1 + R/D),  and + b v,
 //!              b = pi r^2 - 2 C_d A_slit (A/A_slit)^2 r/D
+//! pipe         Q = A V(dp),  y = D sqrt(2 D dp/(rho L)) rho/mu = Re sqrt(f)
+//!              laminar Re = y^2/64;  turbulent Re = -2 y log10(e/(3.7 D) + 2.51/y)   (Colebrook, which holds the pressure's own y)
 //! ```
 //! Q flows from the first end to the second with dp = p_first - p_second. The orifice is Merritt's (1967, section 3.4): turbulent above dp_c,
 //! laminar with C_d = delta sqrt(Re) below, Re_c = (C_d/delta)^2. d, c, l, e: diameter, radial gap, length and relative eccentricity of a
@@ -32,6 +34,7 @@ pub enum FlowLaw {
         wall: Option<(usize, f64)>,
     },
     Check(CheckBall),
+    Pipe(Pipe),
 }
 
 /// A round hole.
@@ -41,6 +44,22 @@ pub struct Orifice {
     pub discharge: f64,
     pub transition_reynolds: f64,
 }
+
+/// A long round pipe that is full of oil. The inertia of its oil and what the flow loses at its ends are left out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pipe {
+    pub diameter_m: f64,
+    pub length_m: f64,
+    /// Height of sand grains that are as rough, at most [`ROUGHEST`] of the diameter.
+    pub roughness_m: f64,
+}
+
+/// Roughest pipe over its diameter: of rougher ones the curve between the two flows could fall.
+pub const ROUGHEST: f64 = 0.01;
+/// Re sqrt(f) where laminar flow ends, at Re = 2000, and from which on it is turbulent, at about Re = 4000 in a smooth pipe. Between them the flow is
+/// not certain: a smooth curve joins both. Source: White, Fluid Mechanics (2011), section 6.6.
+const LAMINAR_END: f64 = 357.770_876_399_966_35;
+const TURBULENT_FROM: f64 = 800.0;
 
 /// A ball on the edge of a seat; it opens from the first end to the second.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -152,6 +171,44 @@ impl CheckBall {
     }
 }
 
+impl Pipe {
+    /// Logarithm of Re of the turbulent flow, and its derivative by that of y.
+    fn turbulent(&self, y: f64) -> (f64, f64) {
+        let argument = self.roughness_m / (3.7 * self.diameter_m) + 2.51 / y;
+        let re = -2.0 * y * libm::log10(argument);
+        (libm::log(re), 1.0 + 2.0 * 2.51 / (argument * std::f64::consts::LN_10 * re))
+    }
+
+    fn flow(&self, oil: &Oil, drop_pa: f64) -> PassageFlow {
+        let Pipe { diameter_m: d, length_m: l, .. } = *self;
+        let area_m2 = 0.25 * PI * d * d;
+        let laminar = area_m2 * d * d / (32.0 * oil.viscosity_pa_s * l);
+        let kinematic_m2_s = oil.viscosity_pa_s / oil.density_kg_m3;
+        let y = d * libm::sqrt(2.0 * d * drop_pa.abs() / (oil.density_kg_m3 * l)) / kinematic_m2_s;
+        if y <= LAMINAR_END {
+            return PassageFlow { rate_m3_s: laminar * drop_pa, slope: laminar };
+        }
+        let (log_re, slope) = if y >= TURBULENT_FROM {
+            self.turbulent(y)
+        } else {
+            // Hermite's cubic over log y between the ends of both flows: it rises for all pipes up to the roughest.
+            let width = libm::log(TURBULENT_FROM / LAMINAR_END);
+            let x = libm::log(y / LAMINAR_END) / width;
+            let (from, from_slope) = (libm::log(LAMINAR_END * LAMINAR_END / 64.0), 2.0 * width);
+            let (to, to_slope) = self.turbulent(TURBULENT_FROM);
+            let (rise, to_slope) = (to - from, to_slope * width);
+            let (second, third) = (3.0 * rise - 2.0 * from_slope - to_slope, from_slope + to_slope - 2.0 * rise);
+            (
+                from + x * (from_slope + x * (second + x * third)),
+                (from_slope + x * (2.0 * second + 3.0 * x * third)) / width,
+            )
+        };
+        let rate_m3_s = area_m2 * libm::exp(log_re) * kinematic_m2_s / d;
+        // y grows with the root of the pressure.
+        PassageFlow { rate_m3_s: rate_m3_s.copysign(drop_pa), slope: 0.5 * slope * rate_m3_s / drop_pa.abs() }
+    }
+}
+
 impl FlowLaw {
     /// At a pressure difference, coordinates standing at `q`.
     pub fn flow(&self, oil: &Oil, q: &[f64], drop_pa: f64) -> PassageFlow {
@@ -162,13 +219,14 @@ impl FlowLaw {
             }
             FlowLaw::Leak { conductance, .. } => PassageFlow { rate_m3_s: conductance * drop_pa, slope: *conductance },
             FlowLaw::Check(check) => check.flow(oil, q[check.coordinate], drop_pa),
+            FlowLaw::Pipe(pipe) => pipe.flow(oil, drop_pa),
         }
     }
 
     /// The coordinate of a wall that moves along it, and its b [m2].
     pub fn wall(&self, q: &[f64]) -> Option<(usize, f64)> {
         match self {
-            FlowLaw::Orifice(_) => None,
+            FlowLaw::Orifice(_) | FlowLaw::Pipe(_) => None,
             FlowLaw::Leak { wall, .. } => *wall,
             FlowLaw::Check(check) => Some((check.coordinate, check.wall_m2(q[check.coordinate]))),
         }
@@ -198,6 +256,46 @@ mod tests {
             let (d, f) = (1e-4 * (f64::abs(drop) + 10.0), |p: f64| law.flow(&oil, &[], p).rate_m3_s);
             let slope = (f(drop + d) - f(drop - d)) / (2.0 * d);
             assert!((law.flow(&oil, &[], drop).slope / slope - 1.0).abs() < 1e-5, "{drop}");
+        }
+    }
+
+    /// Laminar: Q = pi D^4 dp/(128 mu L). Turbulent: friction factors of Colebrook's equation, solved for f at a given Re by its fixed point, and two
+    /// of Moody's chart. The flow rises with the pressure between the two, and its slope is that of differences.
+    #[test]
+    fn pipes_are_laminar_and_turbulent() {
+        let oil = oil();
+        let nu = oil.viscosity_pa_s / oil.density_kg_m3;
+        let (d, l) = (4e-3_f64, 0.3);
+        let drop_of = |re: f64, f: f64| f * l / d * 0.5 * oil.density_kg_m3 * (re * nu / d).powi(2);
+        let area = 0.25 * PI * d * d;
+        for relative in [0.0, 1e-4, 2e-3, 0.01] {
+            let pipe = Pipe { diameter_m: d, length_m: l, roughness_m: relative * d };
+            let slow = pipe.flow(&oil, 1e3).rate_m3_s;
+            assert!((slow / (PI * d.powi(4) * 1e3 / (128.0 * 0.02 * l)) - 1.0).abs() < 1e-12, "{slow:e}");
+            for re in [5e3, 1e4, 1e5, 1e6] {
+                let mut f = 0.02_f64;
+                for _ in 0..50 {
+                    f = (-2.0 * (relative / 3.7 + 2.51 / (re * f.sqrt())).log10()).powi(-2);
+                }
+                let found = pipe.flow(&oil, drop_of(re, f)).rate_m3_s * d / (area * nu);
+                assert!((found / re - 1.0).abs() < 1e-9, "Re {re}: {found}");
+                assert_eq!(pipe.flow(&oil, -drop_of(re, f)).rate_m3_s, -pipe.flow(&oil, drop_of(re, f)).rate_m3_s);
+            }
+            let mut before = PassageFlow::default();
+            for k in 1..400 {
+                let drop = drop_of(1500.0, 64.0 / 1500.0) * 1.02_f64.powi(k);
+                let now = pipe.flow(&oil, drop);
+                assert!(now.rate_m3_s > before.rate_m3_s && now.slope > 0.0, "{relative}: {drop}");
+                let difference = (pipe.flow(&oil, drop * 1.000_01).rate_m3_s - now.rate_m3_s) / (drop * 1e-5);
+                assert!((now.slope / difference - 1.0).abs() < 1e-3, "{relative}, {drop}: {} {difference}", now.slope);
+                before = now;
+            }
+        }
+        // Moody's chart: f = 0.0309 at Re = 1e4, smooth, and 0.0199 at Re = 1e6, e/D = 1e-3.
+        for (re, relative, f) in [(1e4, 0.0, 0.0309), (1e6, 1e-3, 0.0199)] {
+            let pipe = Pipe { diameter_m: d, length_m: l, roughness_m: relative * d };
+            let found = pipe.flow(&oil, drop_of(re, f)).rate_m3_s * d / (area * nu);
+            assert!((found / re - 1.0).abs() < 5e-3, "{found}");
         }
     }
 

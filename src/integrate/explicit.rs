@@ -455,6 +455,10 @@ fn advance_body(model: &Model, state: &mut State, scratch: &mut Scratch) {
         scratch.places_before.copy_from_slice(&state.coordinates.angle);
     }
     advance_coordinates(model, state, scratch);
+    // What the run-in does to a plunger leaves no trace in its ratchet.
+    if scratch.run_in == RunIn::OFF {
+        model.click(&mut state.coordinates.angle);
+    }
     touches::advance_oil(model, state, scratch);
     state.step += 1;
 }
@@ -495,6 +499,7 @@ fn add_work_of(
         CoordinateMotion::Prescribed { .. } => {
             r.work_in[k] -= (scratch.chain_torque[k] + scratch.parts_force[k]) * speed * time_s;
         }
+        CoordinateMotion::Held => {}
         CoordinateMotion::Free { load, .. } => r.work_out[k] -= (load + scratch.working_force[k]) * speed * time_s,
     }
     if let Some(lost) = r.lost.get_mut(k) {
@@ -540,6 +545,7 @@ fn advance_coordinates(model: &Model, state: &mut State, scratch: &Scratch) {
     for (k, coordinate) in model.coordinates.iter().enumerate() {
         let before = r.omega[k];
         let after = match coordinate.motion {
+            CoordinateMotion::Held => 0.0,
             CoordinateMotion::Prescribed { speed_rad_s } if model.driver_motion.is_none() => speed_rad_s,
             CoordinateMotion::Prescribed { .. } | CoordinateMotion::Free { .. } => {
                 before + h * scratch.coordinate_alpha[k]

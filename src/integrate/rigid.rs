@@ -252,7 +252,7 @@ impl RigidContacts {
 /// Inverse inertia of a coordinate in a step, whose damper sees the mean of the speeds before and after [1/kg, 1/(kg m2)].
 fn inverse_inertia(model: &Model, k: usize) -> f64 {
     match model.coordinates[k].motion {
-        CoordinateMotion::Prescribed { .. } => 0.0,
+        CoordinateMotion::Prescribed { .. } | CoordinateMotion::Held => 0.0,
         CoordinateMotion::Free { inertia, .. } => {
             1.0 / (inertia + 0.5 * model.step_s * model.coordinates[k].spring.damping)
         }

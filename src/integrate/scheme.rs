@@ -363,6 +363,7 @@ fn advance_node(model: &Model, state: &mut State, scratch: &mut Scratch) {
         work.instant.tell_touches(state);
     }
     work.instant.finish(&work.end, state);
+    model.click(&mut state.coordinates.angle);
     scratch.of_scheme = Some(work);
 }
 

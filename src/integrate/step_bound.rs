@@ -118,7 +118,7 @@ pub fn step_bound(model: &Model) -> StepBound {
         // Where it lifts fastest.
         let steepest = match &touch.shape {
             TouchShape::Cam(cam) => cam.law.sweep(200).map(|a| cam.law.at(a).slope_m.abs()).fold(0.0, f64::max),
-            TouchShape::Stop { .. } | TouchShape::Tip { .. } => 0.0,
+            TouchShape::Stop { .. } | TouchShape::Pawl { .. } | TouchShape::Tip { .. } => 0.0,
         };
         let slope = [gap.slope[0], if steepest > 0.0 { steepest } else { gap.slope[1] }];
         let by = |i: usize| slope[i].powi(2) * model.coordinates[gap.coordinates[i]].inverse_inertia();

@@ -20,6 +20,17 @@ pub struct SliderModel {
     pub coordinate: usize,
 }
 
+/// A ratchet of the model: a pawl that is held, and clicks on by a tooth where its slider is that far beyond it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ratchet {
+    /// Coordinate of the slider.
+    pub slider: usize,
+    /// Coordinate of its pawl.
+    pub pawl: usize,
+    /// Distance of the teeth [m].
+    pub pitch_m: f64,
+}
+
 /// Appends the coordinates of arms.
 pub(super) fn build_arms(drive: &Drive, placed: &PlacedDrive, coordinates: &mut Vec<Coordinate>) -> Vec<ArmModel> {
     let mut arms = Vec::new();
@@ -178,6 +189,7 @@ fn network(spec: &OilSpec, slider: &dyn Fn(&str) -> Option<usize>, first_ball: u
                 conductance: gap.conductance(spec.oil.viscosity_pa_s),
                 wall: wall.as_deref().and_then(slider).map(|k| (k, gap.wall_m2())),
             },
+            PassageLaw::Pipe(pipe) => FlowLaw::Pipe(*pipe),
             PassageLaw::Check(c) => {
                 ball += 1;
                 FlowLaw::Check(CheckBall {
@@ -225,6 +237,55 @@ impl Model {
             }
         }
         self.oil = Some(network);
+    }
+
+    /// Puts the pawls of ratchets in.
+    pub fn add_ratchets(&mut self, drive: &Drive) {
+        let Some(contact) = &drive.tip_contact else { return };
+        for spec in &drive.sliders {
+            let Some(ratchet) = spec.ratchet else { continue };
+            let Some(slider) = self.sliders.iter().find(|s| s.name == spec.name).map(|s| s.coordinate) else {
+                continue;
+            };
+            let pawl = self.coordinates.len();
+            self.coordinates.push(Coordinate {
+                path: format!("sliders.{}_pawl", spec.name),
+                kind: CoordinateKind::Slides,
+                motion: CoordinateMotion::Held,
+                spring: CoordinateSpring::default(),
+                nominal_speed_rad_s: 0.0,
+                reach_m: 1.0,
+                rest_load: 0.0,
+                is_held_at_rest: true,
+                is_run_in: false,
+            });
+            self.touches.push(Touch {
+                path: format!("sliders.{}.ratchet", spec.name),
+                shape: TouchShape::Pawl { slider, pawl, backlash_m: ratchet.backlash_m },
+                law: contact.law,
+                friction: 0.0,
+                stick_speed_m_s: contact.stick_speed_m_s,
+                radii: PairRadii { bush_m: STOP_RADIUS_M, body_m: f64::INFINITY },
+            });
+            self.ratchets.push(Ratchet { slider, pawl, pitch_m: ratchet.pitch_m });
+        }
+    }
+
+    /// Lets pawls click on over the teeth that have passed them. No pawl holds anything then, so that no energy is in it.
+    #[inline(always)]
+    pub fn click(&self, q: &mut [f64]) {
+        for r in &self.ratchets {
+            while q[r.slider] - q[r.pawl] >= r.pitch_m {
+                q[r.pawl] += r.pitch_m;
+            }
+        }
+    }
+
+    /// Puts every pawl behind the last tooth that its slider has reached.
+    pub fn engage_pawls(&self, q: &mut [f64]) {
+        for r in &self.ratchets {
+            q[r.pawl] = libm::floor(q[r.slider] / r.pitch_m) * r.pitch_m;
+        }
     }
 
     fn add_ball(&mut self, path: &str, ball: &CheckSpec) {

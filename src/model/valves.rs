@@ -147,7 +147,7 @@ impl Model {
     pub fn cams(&self) -> impl Iterator<Item = &CamTouch> {
         self.touches.iter().filter_map(|t| match &t.shape {
             TouchShape::Cam(cam) => Some(cam),
-            TouchShape::Stop { .. } | TouchShape::Tip { .. } => None,
+            TouchShape::Stop { .. } | TouchShape::Pawl { .. } | TouchShape::Tip { .. } => None,
         })
     }
 }
@@ -172,7 +172,7 @@ fn at_rest_m(law: ContactLaw, force_n: f64) -> f64 {
 fn cams_mut(touches: &mut [Touch]) -> impl Iterator<Item = &mut CamTouch> {
     touches.iter_mut().filter_map(|t| match &mut t.shape {
         TouchShape::Cam(cam) => Some(cam),
-        TouchShape::Stop { .. } | TouchShape::Tip { .. } => None,
+        TouchShape::Stop { .. } | TouchShape::Pawl { .. } | TouchShape::Tip { .. } => None,
     })
 }
 

@@ -3,6 +3,7 @@
 //! Each is one contact along the normal n of a gap g(q) of at most two coordinates:
 //! ```text
 //! stop            g = sense (limit - q) lever
+//! pawl            g = x - x_pawl + backlash   x_pawl: held, clicks on by a pitch as often as x is that far beyond it
 //! tip, flat pad   g = n.(C - O) - offset - r          n turns with the arm, C moves along the slider's direction d
 //! tip, round pad  g = |D| - r - R,  D = C - c, n = D/|D|   c turns with the arm
 //! cam             g = x + lash - s(a)                 a: angle of the cam from full lift, x: lift of the follower along its direction
@@ -46,6 +47,12 @@ pub enum TouchShape {
         limit: f64,
         sense: f64,
         lever_m: f64,
+    },
+    /// The pawl of a ratchet: the slider may go back by the backlash behind it.
+    Pawl {
+        slider: usize,
+        pawl: usize,
+        backlash_m: f64,
     },
     Tip {
         slider: usize,
@@ -160,6 +167,9 @@ impl TouchShape {
             TouchShape::Stop { coordinate, limit, sense, lever_m } => {
                 TouchShape::Stop { coordinate: number(coordinate), limit, sense, lever_m }
             }
+            TouchShape::Pawl { slider, pawl, backlash_m } => {
+                TouchShape::Pawl { slider: number(slider), pawl: number(pawl), backlash_m }
+            }
             TouchShape::Tip { slider, centre, direction, radius_m, arm, pivot, pad } => {
                 TouchShape::Tip { slider: number(slider), centre, direction, radius_m, arm: number(arm), pivot, pad }
             }
@@ -173,6 +183,15 @@ impl TouchShape {
                 gap_m: sense * (limit - q[coordinate]) * lever_m,
                 coordinates: [coordinate; 2],
                 slope: [-sense * lever_m, 0.0],
+                bend: [0.0; 3],
+                slide: [0.0; 2],
+                point: Vec2::zeros(),
+                normal: Vec2::zeros(),
+            },
+            TouchShape::Pawl { slider, pawl, backlash_m } => Gap {
+                gap_m: q[slider] - q[pawl] + backlash_m,
+                coordinates: [slider, pawl],
+                slope: [1.0, -1.0],
                 bend: [0.0; 3],
                 slide: [0.0; 2],
                 point: Vec2::zeros(),

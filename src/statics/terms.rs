@@ -145,7 +145,8 @@ impl<'a> StaticProblem<'a> {
         for rail in &model.rails {
             add_rail(model, q, rail, free, &mut s);
         }
-        for touch in &model.touches {
+        // Pawls find their teeth when the drive has its place.
+        for touch in model.touches.iter().filter(|t| !matches!(t.shape, TouchShape::Pawl { .. })) {
             add_touch(touch, q, free, &mut s);
         }
         add_end_contacts(model, q, (free, finder), &mut s);

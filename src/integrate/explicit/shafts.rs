@@ -86,10 +86,13 @@ pub(crate) struct SpanNow {
     pub(crate) power_w: f64,
 }
 
-/// Speed of the driver in the middle of the coming step [rad/s]; None where it is constant.
+/// Speed of the driver in the middle of the coming step [rad/s]; None where it is constant, and of what is held.
 #[inline(always)]
 pub(super) fn driver_speed(model: &Model, state: &State, scratch: &Scratch, k: usize) -> Option<f64> {
     let motion = model.driver_motion.as_ref()?;
+    if model.coordinates[k].motion == CoordinateMotion::Held {
+        return None;
+    }
     let half = 0.5 * model.step_s;
     let q = &state.coordinates;
     // The angle in the middle of the step, as the speed of the step before has it.
@@ -110,6 +113,7 @@ pub(crate) fn add_energies(model: &Model, state: &State, scratch: &Scratch, e: &
             CoordinateMotion::Prescribed { .. } => {
                 e.work_in_j -= (scratch.chain_torque[k] + scratch.parts_force[k]) * half_step_turn;
             }
+            CoordinateMotion::Held => {}
             CoordinateMotion::Free { inertia, load } => {
                 e.kinetic_j += 0.5 * inertia * speed.powi(2);
                 e.work_out_j -= (load + scratch.working_force[k]) * half_step_turn;

@@ -146,7 +146,7 @@ pub(crate) fn kinetic_of_impacts(model: &Model, scratch: &Scratch) -> f64 {
     };
     let turned = |(k, coordinate): (usize, &Coordinate)| match coordinate.motion {
         CoordinateMotion::Free { inertia, .. } => 0.5 * inertia * (half * scratch.coordinate_alpha[k]).powi(2),
-        CoordinateMotion::Prescribed { .. } => 0.0,
+        CoordinateMotion::Prescribed { .. } | CoordinateMotion::Held => 0.0,
     };
     c.links().map(of).sum::<f64>() + model.coordinates.iter().enumerate().map(turned).sum::<f64>()
 }

@@ -137,7 +137,7 @@ fn stops(model: &Model, coordinate: usize) -> [Option<f64>; 2] {
             TouchShape::Stop { coordinate: own, limit, sense, .. } if own == coordinate && sense == wanted => {
                 Some(limit)
             }
-            TouchShape::Stop { .. } | TouchShape::Tip { .. } | TouchShape::Cam(_) => None,
+            TouchShape::Stop { .. } | TouchShape::Pawl { .. } | TouchShape::Tip { .. } | TouchShape::Cam(_) => None,
         })
     })
 }
@@ -321,7 +321,9 @@ impl Plunger<'_> {
         let guided_m = oil.and_then(|o| {
             o.passages.iter().find_map(|p| match &p.law {
                 PassageLaw::Leak { gap, slider: Some(name) } if *name == spec.name => Some(gap.length_m),
-                PassageLaw::Leak { .. } | PassageLaw::Orifice { .. } | PassageLaw::Check(_) => None,
+                PassageLaw::Leak { .. } | PassageLaw::Orifice { .. } | PassageLaw::Check(_) | PassageLaw::Pipe(_) => {
+                    None
+                }
             })
         });
         // At its low stop the side has just gone into the bore; at its high stop as much of it is still in there as leaks along it.
@@ -394,7 +396,7 @@ impl Plunger<'_> {
             .filter(|p| p.ends.iter().any(|end| behind.contains(&end.as_str())))
             .filter_map(|p| match p.law {
                 PassageLaw::Check(ball) => Some((p, ball)),
-                PassageLaw::Orifice { .. } | PassageLaw::Leak { .. } => None,
+                PassageLaw::Orifice { .. } | PassageLaw::Leak { .. } | PassageLaw::Pipe(_) => None,
             })
             .collect();
         let widest_m = own.iter().map(|(_, ball)| 2.2 * ball.ball_radius_m).fold(0.0, f64::max);

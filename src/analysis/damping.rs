@@ -1,0 +1,736 @@
+//! Damping from a number over time, by two methods that have nothing in common.
+//!
+//! ```text
+//! decay        v(t) = c + sum a_k exp(-d_k t) cos(w_k t + b_k),   zeta = d / sqrt(d^2 + w^2),   log decrement = 2 pi d / w
+//! half power   zeta = (f2 - f1) / (2 f_n),   f1 and f2: where the amplitude beside its peak at f_n is 1/sqrt(2) of it
+//! ```
+//! **Decay.** The matrix pencil gives the swings of evenly spaced values: the singular values of their Hankel matrix say how many there are, the
+//! eigenvalues of the shift between its singular vectors what they are (Hua and Sarkar, IEEE Trans. ASSP 38 (1990), 814). Gauss and Newton's steps
+//! then lower the sum of squares of what is left, and its Jacobian gives standard errors: those of white noise. Long records are taken in blocks: the
+//! mean of m values of an exponential falls from block to block as the exponential does in m values, so that nothing is lost but what
+//! swings faster than blocks follow.
+//!
+//! **Half power.** The amplitude over the frequency comes from an order that a run-up takes through the resonance
+//! ([`super::order_tracks`]), whose force must not change much in size meanwhile. What else excites the drive makes it rough, so that f1 and f2 are those
+//! of the peak of one swing, 1/A^2 a parabola of the frequency, through all windows down to half of the top. Windows widen the peak, and so does a fast run-up; [`HalfPower::doubts`] tells either.
+
+use super::order_spectrum::even;
+use super::order_tracks::{OrderTrack, OrderTracks};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use std::f64::consts::PI;
+
+/// Most values of which the matrix is made: its singular values take a third of a second.
+const LARGEST: usize = 600;
+/// Fewest values.
+const FEWEST: usize = 24;
+/// Largest number of swings that is looked for: twice as many are never of use in a table. assumed.
+const MOST_SWINGS: usize = 12;
+/// Singular values of white noise lie below this multiple of their median, for a matrix twice as high as wide: Gavish and Donoho, IEEE
+/// Trans. Information Theory 60 (2014), 5040, table IV at beta = 0.5.
+const NOISE_MEDIANS: f64 = 2.1;
+/// Singular values below this share of the largest are rounding.
+const ROUNDING: f64 = 1e-11;
+/// Swings with less than this share of the square of what moves are left out. assumed: they are not seen in a picture.
+const LEAST_SHARE: f64 = 1e-4;
+/// Sum of the shares of swings from which on they cancel each other. assumed: swings that decay are nearly orthogonal unless they are near.
+const CANCELLING: f64 = 1.1;
+/// What creeps by less than this, in exponents over all values, is not told from a constant. assumed.
+const STILL: f64 = 1e-3;
+/// Steps of Gauss and Newton: five are enough where they converge at all.
+const STEPS: usize = 8;
+/// Share of the square of what moves that may be left of swings: above, the number does not decay as swings do. assumed.
+pub const UNEXPLAINED: f64 = 0.1;
+
+/// A swing that dies away, grows or stays.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct DecayingSwing {
+    /// w / (2 pi); zero of what creeps to rest without swinging.
+    pub frequency_hz: f64,
+    pub frequency_error_hz: f64,
+    /// d [1/s]; below zero it grows.
+    pub decay_rate_per_s: f64,
+    pub decay_rate_error_per_s: f64,
+    /// zeta; 1 of what does not swing.
+    pub damping_ratio: f64,
+    pub damping_ratio_error: f64,
+    /// Natural logarithm of the ratio of two tops that follow each other; none of what does not swing.
+    pub log_decrement: Option<f64>,
+    /// At the first value, in its unit.
+    pub amplitude: f64,
+    /// Its own square over that of all that moves; the shares of swings that are not orthogonal do not sum to one.
+    pub share: f64,
+}
+
+/// All swings of a stretch of values.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Decay {
+    pub swings: Vec<DecayingSwing>,
+    /// c.
+    pub rest: f64,
+    /// Root mean square of what moves: the values less c.
+    pub moves_rms: f64,
+    /// Share of its square that is left of all swings.
+    pub left: f64,
+    /// How many values make a block, and up to which frequency blocks follow.
+    pub block: usize,
+    pub highest_hz: f64,
+    pub values: usize,
+    pub from_s: f64,
+    pub to_s: f64,
+}
+
+/// Why there is no damping.
+#[derive(Clone, Debug, PartialEq)]
+pub enum DampingError {
+    /// Values, and how many are needed.
+    Few(usize, usize),
+    /// All values are the same.
+    Constant,
+    /// No swing stands out of noise.
+    Noise,
+}
+
+/// The swings of values at increasing times; slower ones than `highest_hz` alone where that is given.
+///
+/// # Errors
+/// The values are few, do not change, or are noise.
+pub fn decay(times_s: &[f64], values: &[f64], highest_hz: Option<f64>) -> Result<Decay, DampingError> {
+    let n = values.len();
+    if n < FEWEST {
+        return Err(DampingError::Few(n, FEWEST));
+    }
+    let interval_s = (times_s[n - 1] - times_s[0]) / (n - 1) as f64;
+    let evenly = even(times_s, values);
+    let asked = highest_hz.map_or(1.0, |hz| 0.5 / (hz * interval_s));
+    let block = n.div_ceil(LARGEST).max(asked as usize).clamp(1, n / FEWEST);
+    let blocks: Vec<f64> = evenly.chunks_exact(block).map(|b| b.iter().sum::<f64>() / block as f64).collect();
+    let step_s = interval_s * block as f64;
+    let mean = blocks.iter().sum::<f64>() / blocks.len() as f64;
+    let spread = blocks.iter().fold(0.0, |most: f64, v| most.max((v - mean).abs()));
+    if spread <= 1e-13 * mean.abs() {
+        return Err(DampingError::Constant);
+    }
+    let moving: Vec<f64> = blocks.iter().map(|v| v - mean).collect();
+    let Some(mut fit) = best_fit(DVector::from_vec(moving), step_s) else { return Err(DampingError::Noise) };
+    fit.improve();
+    let mut found = fit.report(block, interval_s, mean);
+    found.values = n;
+    (found.from_s, found.to_s) = (times_s[0], times_s[n - 1]);
+    Ok(found)
+}
+
+/// A pole s = -d + i w, w >= 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Pole {
+    decay_per_s: f64,
+    rad_s: f64,
+}
+
+/// The fit with as many poles as pay for themselves (Schwarz's criterion, four numbers a swing). None where none stands out of noise.
+fn best_fit(values: DVector<f64>, step_s: f64) -> Option<SwingFit> {
+    let n = values.len() as f64;
+    let mut fit = SwingFit { poles: Vec::new(), step_s, values };
+    let mut best: Option<(f64, Vec<Pole>)> = None;
+    for poles in pencils(fit.values.as_slice(), step_s) {
+        let numbers: usize = poles.iter().map(|p| 2 * width_of(p)).sum();
+        fit.poles = poles;
+        let Some(solution) = fit.solve() else { continue };
+        let left = solution.left.norm_squared().max(f64::MIN_POSITIVE);
+        let cost = n * libm::log(left) + numbers as f64 * libm::log(n);
+        if best.as_ref().is_none_or(|(least, _)| cost < *least) {
+            best = Some((cost, std::mem::take(&mut fit.poles)));
+        }
+    }
+    let (_, poles) = best?;
+    Some(SwingFit { poles, ..fit })
+}
+
+/// Poles of evenly spaced values by the matrix pencil, of one singular vector, of two, and so on up to those of noise.
+fn pencils(values: &[f64], step_s: f64) -> Vec<Vec<Pole>> {
+    let n = values.len();
+    let width = n / 3;
+    let hankel = DMatrix::from_fn(n - width, width + 1, |i, j| values[i + j]);
+    let svd = hankel.svd(false, true);
+    let Some(v_t) = svd.v_t else { return Vec::new() };
+    let mut order: Vec<usize> = (0..svd.singular_values.len()).collect();
+    order.sort_by(|a, b| svd.singular_values[*b].total_cmp(&svd.singular_values[*a]));
+    let singular = |k: usize| svd.singular_values[order[k]];
+    let least = (NOISE_MEDIANS * singular(order.len() / 2)).max(ROUNDING * singular(0));
+    let most = (0..order.len()).take(2 * MOST_SWINGS).take_while(|k| singular(*k) > least).count();
+    let of = |count: usize| {
+        let v = DMatrix::from_fn(width + 1, count, |i, k| v_t[(order[k], i)]);
+        let (early, late) = (v.rows(0, width).into_owned(), v.rows(1, width).into_owned());
+        let shift = early.pseudo_inverse(1e-12).ok()? * late;
+        let poles: Vec<Pole> =
+            shift.complex_eigenvalues().iter().filter_map(|z| pole_of(z.re, z.im, (n, step_s))).collect();
+        (!poles.is_empty()).then_some(poles)
+    };
+    (1..=most).filter_map(of).collect()
+}
+
+/// Of a factor from value to value; None: it is no pole of its own.
+fn pole_of(re: f64, im: f64, (n, step_s): (usize, f64)) -> Option<Pole> {
+    let (size, turned) = (libm::hypot(re, im), libm::atan2(im, re));
+    // A factor below zero is what blocks cannot follow; a pole below the axis is the mirror of one above.
+    if size < 1e-6 || !(0.0..=0.98 * PI).contains(&turned) {
+        return None;
+    }
+    // What hardly changes over all values is the constant, which stands beside.
+    let decay = -libm::log(size);
+    let is_constant = turned == 0.0 && decay.abs() * n as f64 <= STILL;
+    (!is_constant).then(|| Pole { decay_per_s: decay / step_s, rad_s: turned / step_s })
+}
+
+/// Swings of given poles under values.
+struct SwingFit {
+    poles: Vec<Pole>,
+    step_s: f64,
+    values: DVector<f64>,
+}
+
+/// What a set of poles makes of the values.
+struct SwingSolution {
+    /// The constant, then cosine and sine of every pole; the sine of one that does not swing is none.
+    amplitudes: Vec<[f64; 2]>,
+    rest: f64,
+    /// Contribution of every pole to every value.
+    parts: Vec<DVector<f64>>,
+    left: DVector<f64>,
+}
+
+impl SwingFit {
+    /// exp(-d t) cos(w t) and exp(-d t) sin(w t) of a pole at value k. A swing that grows is one at the end, so that its numbers stay small.
+    fn basis(&self, pole: Pole, k: usize) -> [f64; 2] {
+        let t = self.step_s * k as f64;
+        let from = if pole.decay_per_s < 0.0 { t - self.step_s * (self.values.len() - 1) as f64 } else { t };
+        let size = libm::exp(-pole.decay_per_s * from);
+        let (s, c) = libm::sincos(pole.rad_s * t);
+        [size * c, size * s]
+    }
+
+    fn solve(&self) -> Option<SwingSolution> {
+        let n = self.values.len();
+        let columns: Vec<(usize, usize)> =
+            self.poles.iter().enumerate().flat_map(|(p, pole)| (0..width_of(pole)).map(move |c| (p, c))).collect();
+        let mut matrix = DMatrix::from_element(n, 1 + columns.len(), 1.0);
+        for (j, (p, c)) in columns.iter().enumerate() {
+            for k in 0..n {
+                matrix[(k, 1 + j)] = self.basis(self.poles[*p], k)[*c];
+            }
+        }
+        let solution = matrix.clone().svd(true, true).solve(&self.values, 1e-13).ok()?;
+        let mut amplitudes = vec![[0.0; 2]; self.poles.len()];
+        let mut parts = vec![DVector::zeros(n); self.poles.len()];
+        for (j, (p, c)) in columns.iter().enumerate() {
+            amplitudes[*p][*c] = solution[1 + j];
+            parts[*p] += matrix.column(1 + j) * solution[1 + j];
+        }
+        let left = &self.values - &matrix * &solution;
+        Some(SwingSolution { amplitudes, rest: solution[0], parts, left })
+    }
+
+    /// Derivatives of the values by constant, amplitudes, and by decay and frequency of every pole.
+    fn jacobian(&self, solution: &SwingSolution) -> DMatrix<f64> {
+        let n = self.values.len();
+        let widths: usize = self.poles.iter().map(|p| 2 * width_of(p)).sum();
+        let mut jacobian = DMatrix::from_element(n, 1 + widths, 1.0);
+        let mut at = 1;
+        for (pole, [a, b]) in self.poles.iter().zip(&solution.amplitudes) {
+            for k in 0..n {
+                let [c, s] = self.basis(*pole, k);
+                let t = self.step_s * k as f64;
+                let row = [-t * (a * c + b * s), t * (b * c - a * s), c, s];
+                let kept = if width_of(pole) == 1 { vec![row[0], row[2]] } else { row.to_vec() };
+                for (j, v) in kept.into_iter().enumerate() {
+                    jacobian[(k, at + j)] = v;
+                }
+            }
+            at += 2 * width_of(pole);
+        }
+        jacobian
+    }
+
+    /// Steps of Gauss and Newton in decays and frequencies, taken as long as they lower what is left.
+    fn improve(&mut self) {
+        for _ in 0..STEPS {
+            let Some(now) = self.solve() else { return };
+            let Ok(step) = self.jacobian(&now).svd(true, true).solve(&now.left, 1e-12) else { return };
+            let mut tried = self.poles.clone();
+            let mut at = 1;
+            for pole in &mut tried {
+                pole.decay_per_s += step[at];
+                if width_of(pole) == 2 {
+                    pole.rad_s = (pole.rad_s + step[at + 1]).abs();
+                }
+                at += 2 * width_of(pole);
+            }
+            let before = std::mem::replace(&mut self.poles, tried);
+            let is_better = self.solve().is_some_and(|s| s.left.norm_squared() < now.left.norm_squared());
+            if !is_better {
+                self.poles = before;
+                return;
+            }
+        }
+    }
+
+    /// Swings with their errors, the largest share first.
+    fn report(mut self, block: usize, interval_s: f64, mean: f64) -> Decay {
+        let n = self.values.len();
+        let squares = |of: &SwingFit, rest: f64| of.values.iter().map(|v| (v - rest) * (v - rest)).sum::<f64>();
+        let mut solution = self.solve();
+        // Of two swings nearer than one over the time that cancel each other, the data show one.
+        while let Some(s) = &solution {
+            let all = squares(&self, s.rest).max(f64::MIN_POSITIVE);
+            let Some(drop) = self.cancelling(&s.parts, all) else { break };
+            self.poles.remove(drop);
+            self.improve();
+            solution = self.solve();
+        }
+        if let Some(s) = &solution {
+            let all = squares(&self, s.rest).max(f64::MIN_POSITIVE);
+            let kept = self.poles.iter().zip(&s.parts).filter(|(_, part)| part.norm_squared() >= LEAST_SHARE * all);
+            let kept: Vec<Pole> = kept.map(|(pole, _)| *pole).collect();
+            if kept.len() < self.poles.len() {
+                self.poles = kept;
+                solution = self.solve();
+            }
+        }
+        let mut found = Decay {
+            swings: Vec::new(),
+            rest: mean,
+            moves_rms: 0.0,
+            left: 1.0,
+            block,
+            highest_hz: 0.5 / self.step_s,
+            values: 0,
+            from_s: 0.0,
+            to_s: 0.0,
+        };
+        let Some(solution) = solution else { return found };
+        let jacobian = self.jacobian(&solution);
+        let free = n.saturating_sub(jacobian.ncols()).max(1);
+        let variance = solution.left.norm_squared() / free as f64;
+        let covariance = (jacobian.transpose() * &jacobian).try_inverse();
+        let error = |at: usize| covariance.as_ref().map_or(f64::NAN, |c| libm::sqrt((variance * c[(at, at)]).max(0.0)));
+        let all = squares(&self, solution.rest).max(f64::MIN_POSITIVE);
+        found.rest = mean + solution.rest;
+        found.moves_rms = libm::sqrt(all / n as f64);
+        found.left = solution.left.norm_squared() / all;
+        let mut at = 1;
+        for ((pole, [a, b]), part) in self.poles.iter().zip(&solution.amplitudes).zip(&solution.parts) {
+            let is_swing = width_of(pole) == 2;
+            let (d, w) = (pole.decay_per_s, pole.rad_s);
+            let size = libm::hypot(d, w).max(f64::MIN_POSITIVE);
+            let (d_error, w_error) = (error(at), if is_swing { error(at + 1) } else { 0.0 });
+            // zeta = d / sqrt(d^2 + w^2): by d it changes as w^2, by w as -d w over the cube of the root.
+            let cube = size * size * size;
+            found.swings.push(DecayingSwing {
+                frequency_hz: w / (2.0 * PI),
+                frequency_error_hz: w_error / (2.0 * PI),
+                decay_rate_per_s: d,
+                decay_rate_error_per_s: d_error,
+                damping_ratio: d / size,
+                damping_ratio_error: libm::hypot(w * w * d_error, d * w * w_error) / cube,
+                log_decrement: is_swing.then(|| 2.0 * PI * d / w),
+                amplitude: libm::hypot(*a, *b) / block_factor(*pole, block, interval_s) * self.at_first(*pole),
+                share: part.norm_squared() / all,
+            });
+            at += 2 * width_of(pole);
+        }
+        found.swings.sort_by(|x, y| y.share.total_cmp(&x.share));
+        found
+    }
+
+    /// Where shares of swings sum to more than one by far: the smaller one of the two that lie nearest, if they lie nearer than one over the time.
+    fn cancelling(&self, parts: &[DVector<f64>], all: f64) -> Option<usize> {
+        let shares: Vec<f64> = parts.iter().map(|p| p.norm_squared() / all).collect();
+        if shares.iter().sum::<f64>() < CANCELLING {
+            return None;
+        }
+        let apart = |i: usize, j: usize| {
+            let (a, b) = (self.poles[i], self.poles[j]);
+            libm::hypot(a.decay_per_s - b.decay_per_s, a.rad_s - b.rad_s)
+        };
+        let pairs = (0..parts.len()).flat_map(|j| (0..j).map(move |i| (i, j)));
+        let (i, j) = pairs.min_by(|a, b| apart(a.0, a.1).total_cmp(&apart(b.0, b.1)))?;
+        let resolved = 2.0 * PI / (self.step_s * self.values.len() as f64);
+        (apart(i, j) < resolved).then_some(if shares[i] < shares[j] { i } else { j })
+    }
+
+    /// Size at the first value of a swing whose basis is one where it is largest.
+    fn at_first(&self, pole: Pole) -> f64 {
+        let [c, s] = self.basis(pole, 0);
+        libm::hypot(c, s)
+    }
+}
+
+/// Numbers of amplitude of a pole: cosine and sine, or one alone where it does not swing.
+fn width_of(pole: &Pole) -> usize {
+    if pole.rad_s > 0.0 { 2 } else { 1 }
+}
+
+/// Size of the mean of a block of an exponential that begins with one.
+fn block_factor(pole: Pole, block: usize, interval_s: f64) -> f64 {
+    let (mut re, mut im) = (0.0, 0.0);
+    for j in 0..block {
+        let t = interval_s * j as f64;
+        let size = libm::exp(-pole.decay_per_s * t);
+        let (s, c) = libm::sincos(pole.rad_s * t);
+        (re, im) = (re + size * c, im + size * s);
+    }
+    (libm::hypot(re, im) / block as f64).max(f64::MIN_POSITIVE)
+}
+
+/// A resonance by the width of its peak.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct HalfPower {
+    pub frequency_hz: f64,
+    pub amplitude: f64,
+    /// f1 and f2.
+    pub between_hz: [f64; 2],
+    pub damping_ratio: f64,
+    /// Standard error: what windows that differ from the peak of one swing leave open; no number where they are too few.
+    pub damping_ratio_error: f64,
+    /// Windows that lie between them.
+    pub points: usize,
+    /// Time that a window takes at the peak [s], and how fast the frequency changes there [Hz/s].
+    pub window_s: f64,
+    pub sweep_hz_per_s: f64,
+}
+
+/// Points of an amplitude over a frequency that changes with time.
+#[derive(Clone, Copy, Debug)]
+pub struct ResponsePoint {
+    pub time_s: f64,
+    pub hz: f64,
+    pub amplitude: f64,
+    pub window_s: f64,
+}
+
+/// The amplitude of an order over its frequency, window by window.
+pub fn response(found: &OrderTracks, track: &OrderTrack) -> Vec<ResponsePoint> {
+    let windows = found.times_s.iter().zip(&found.turns_per_s).zip(&track.amplitudes);
+    let point = |((time_s, turns_per_s), amplitude): ((&f64, &f64), &f64)| ResponsePoint {
+        time_s: *time_s,
+        hz: track.order * turns_per_s,
+        amplitude: *amplitude,
+        window_s: found.window_turns / turns_per_s.max(1e-12),
+    };
+    windows.map(point).collect()
+}
+
+/// Why a peak has no width.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum NoWidth {
+    /// Points, and how many are needed.
+    Few(usize),
+    /// The amplitude is largest at the first or last point, at this frequency: the resonance is not passed.
+    AtEnd(f64),
+    /// On one side of the peak at this frequency it does not fall to 1/sqrt(2), or there is no single peak.
+    Overlaps(f64),
+}
+
+/// Points of a peak reach down to this share of its top: where the square of one swing's response is a quarter of its largest.
+const FLANK: f64 = 0.5;
+/// Fewest points of a peak.
+const FEWEST_POINTS: usize = 5;
+
+/// 1/A^2 = least + bend (f - top)^2: the response of one swing near its resonance.
+#[derive(Clone, Copy, Debug)]
+struct Resonance {
+    top_hz: f64,
+    least: f64,
+    bend: f64,
+}
+
+impl Resonance {
+    /// From the coefficients of 1, x and x^2, x = f - `about_hz`.
+    fn of(coefficients: &Vector3<f64>, about_hz: f64) -> Option<Resonance> {
+        let [constant, slope, bend] = [coefficients[0], coefficients[1], coefficients[2]];
+        let least = constant - 0.25 * slope * slope / bend;
+        (bend > 0.0 && least > 0.0).then(|| Resonance { top_hz: about_hz - 0.5 * slope / bend, least, bend })
+    }
+
+    /// Half the distance of f1 and f2.
+    fn half_width_hz(&self) -> f64 {
+        libm::sqrt(self.least / self.bend)
+    }
+
+    /// Through points by least squares of the relative errors of A^2, with the covariance of the coefficients about `about_hz`.
+    fn through(points: &[ResponsePoint], about_hz: f64) -> Option<(Vector3<f64>, Matrix3<f64>)> {
+        let row = |p: &ResponsePoint| {
+            let x = p.hz - about_hz;
+            Vector3::new(1.0, x, x * x) * (p.amplitude * p.amplitude)
+        };
+        let squares: Matrix3<f64> = points.iter().map(|p| row(p) * row(p).transpose()).sum();
+        let right: Vector3<f64> = points.iter().map(row).sum();
+        // Columns of like size, whatever the units.
+        let scale = Matrix3::from_diagonal(&squares.diagonal().map(|d| 1.0 / libm::sqrt(d.max(f64::MIN_POSITIVE))));
+        let inverse = scale * (scale * squares * scale).try_inverse()? * scale;
+        let coefficients = inverse * right;
+        let left: f64 = points.iter().map(|p| (row(p).dot(&coefficients) - 1.0).powi(2)).sum();
+        // Windows overlap by half, so that there are half as many that know nothing of each other.
+        let free = 0.5 * points.len() as f64 - 3.0;
+        let left = if free > 0.0 { left } else { f64::NAN };
+        Some((coefficients, inverse * (0.5 * left / free)))
+    }
+}
+
+impl HalfPower {
+    /// The largest peak of a response.
+    ///
+    /// # Errors
+    /// There is no peak, or it is not alone.
+    pub fn of(points: &[ResponsePoint]) -> Result<HalfPower, NoWidth> {
+        if points.len() < FEWEST_POINTS {
+            return Err(NoWidth::Few(points.len()));
+        }
+        let by_size = |a: &usize, b: &usize| points[*a].amplitude.total_cmp(&points[*b].amplitude);
+        let top = (0..points.len()).max_by(by_size).unwrap_or(0);
+        if top == 0 || top + 1 == points.len() {
+            return Err(NoWidth::AtEnd(points[top].hz));
+        }
+        let about_hz = points[top].hz;
+        // As far as it does not fall below its flank for two points on end.
+        let is_low = |k: usize| points[k].amplitude < FLANK * points[top].amplitude;
+        let from = (1..top).rev().find(|k| is_low(*k) && is_low(k - 1)).map_or(0, |k| k + 1);
+        let to = (top + 1..points.len() - 1).find(|k| is_low(*k) && is_low(k + 1)).unwrap_or(points.len());
+        let mut chosen = points[from..to].to_vec();
+        let mut found = None;
+        for _ in 0..4 {
+            let Some((coefficients, covariance)) = Resonance::through(&chosen, about_hz) else { break };
+            let Some(resonance) = Resonance::of(&coefficients, about_hz) else { break };
+            found = Some((resonance, coefficients, covariance));
+            let reach_hz = resonance.half_width_hz() * libm::sqrt(1.0 / (FLANK * FLANK) - 1.0);
+            let near = |p: &&ResponsePoint| (p.hz - resonance.top_hz).abs() <= reach_hz;
+            let next: Vec<ResponsePoint> = points.iter().filter(near).copied().collect();
+            if next.len() < FEWEST_POINTS || next.len() == chosen.len() {
+                break;
+            }
+            chosen = next;
+        }
+        let Some((resonance, coefficients, covariance)) = found else { return Err(NoWidth::Overlaps(about_hz)) };
+        let (top_hz, half_hz) = (resonance.top_hz, resonance.half_width_hz());
+        let between_hz = [top_hz - half_hz, top_hz + half_hz];
+        let lies_outside = |hz: f64| points.iter().all(|p| p.hz > hz) || points.iter().all(|p| p.hz < hz);
+        if lies_outside(top_hz) {
+            return Err(NoWidth::AtEnd(about_hz));
+        }
+        if between_hz.iter().any(|hz| lies_outside(*hz)) {
+            return Err(NoWidth::Overlaps(top_hz));
+        }
+        // How the ratio changes with the coefficients, by differences.
+        let ratio = |c: &Vector3<f64>| Resonance::of(c, about_hz).map_or(f64::NAN, |r| r.half_width_hz() / r.top_hz);
+        let slope = Vector3::from_fn(|i, _| {
+            let error = libm::sqrt(covariance[(i, i)]);
+            let step = 1e-5 * if error.is_nan() { coefficients[i].abs() } else { coefficients[i].abs().max(error) };
+            let mut moved = coefficients;
+            moved[i] += step;
+            (ratio(&moved) - ratio(&coefficients)) / step
+        });
+        let time_s = points[top + 1].time_s - points[top - 1].time_s;
+        Ok(HalfPower {
+            frequency_hz: top_hz,
+            amplitude: libm::sqrt(1.0 / resonance.least),
+            between_hz,
+            damping_ratio: half_hz / top_hz,
+            damping_ratio_error: libm::sqrt(slope.dot(&(covariance * slope))),
+            points: points.iter().filter(|p| (between_hz[0]..=between_hz[1]).contains(&p.hz)).count(),
+            window_s: points[top].window_s,
+            sweep_hz_per_s: (points[top + 1].hz - points[top - 1].hz).abs() / time_s.max(1e-12),
+        })
+    }
+
+    /// Why the ratio may be too large or too small, a sentence each.
+    pub fn doubts(&self) -> Vec<String> {
+        let width_hz = self.between_hz[1] - self.between_hz[0];
+        let mut doubts = Vec::new();
+        let slowest_hz_s = SWEEP_LIMIT * width_hz * width_hz;
+        if self.sweep_hz_per_s > slowest_hz_s {
+            doubts.push(format!(
+                "the run-up takes the order through its peak at {:.1} Hz/s: a peak {width_hz:.2} Hz wide needs {slowest_hz_s:.1} Hz/s or slower",
+                self.sweep_hz_per_s
+            ));
+        }
+        let swept_hz = self.sweep_hz_per_s * self.window_s;
+        if swept_hz > SWEPT_SHARE * width_hz {
+            doubts.push(format!(
+                "within a window the frequency changes by {swept_hz:.2} Hz, and the peak is {width_hz:.2} Hz wide: take a shorter window or a slower run-up"
+            ));
+        }
+        if self.points < 3 {
+            doubts.push(format!("{} windows lie within the width: take a slower run-up", self.points));
+        }
+        doubts
+    }
+}
+
+/// Largest speed of a sweep, by the square of the width of the peak, and largest share of the width that a window may sweep: within both, the
+/// test below finds the ratio of one swing 4 % off at most.
+const SWEEP_LIMIT: f64 = 0.2;
+const SWEPT_SHARE: f64 = 0.3;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::analysis::order_spectrum::AngleRecord;
+    use crate::analysis::order_tracks::tracks;
+    use crate::random::{SplitMix, normal_quantile};
+
+    /// Two swings, a creep and a rest value.
+    fn sum(t: f64) -> f64 {
+        let swing = |a: f64, hz: f64, zeta: f64, phase: f64| {
+            let w = 2.0 * PI * hz;
+            let d = zeta * w / (1.0 - zeta * zeta).sqrt();
+            a * (-d * t).exp() * (w * t + phase).cos()
+        };
+        4.0 + swing(1.0, 130.0, 0.05, 0.3) + swing(0.4, 410.0, 0.012, -1.0) + 0.7 * (-t / 0.03).exp()
+    }
+
+    #[test]
+    fn swings_of_a_sum_are_found_exactly() {
+        let times: Vec<f64> = (0..500).map(|k| f64::from(k) * 1e-4).collect();
+        let values: Vec<f64> = times.iter().map(|t| sum(*t)).collect();
+        let found = decay(&times, &values, None).unwrap();
+        println!("{found:#?}");
+        assert_eq!(found.swings.len(), 3);
+        assert!((found.rest - 4.0).abs() < 1e-6 && found.left < 1e-12);
+        let at = |hz: f64| found.swings.iter().find(|s| (s.frequency_hz - hz).abs() < 1.0).unwrap();
+        for (hz, zeta, amplitude) in [(130.0, 0.05, 1.0), (410.0, 0.012, 0.4)] {
+            let s = at(hz);
+            assert!((s.frequency_hz / hz - 1.0).abs() < 1e-6, "{s:?}");
+            assert!(
+                (s.damping_ratio / zeta - 1.0).abs() < 1e-5 && (s.amplitude / amplitude - 1.0).abs() < 1e-5,
+                "{s:?}"
+            );
+        }
+        let creep = at(0.0);
+        assert!((creep.decay_rate_per_s * 0.03 - 1.0).abs() < 1e-4 && creep.damping_ratio == 1.0, "{creep:?}");
+    }
+
+    /// Twenty times as many values, in blocks, with times that are not quite even: the same.
+    #[test]
+    fn blocks_lose_nothing() {
+        let times: Vec<f64> = (0..10_000).map(|k| (f64::from(k) + 0.2 * (f64::from(k) * 0.1).sin()) * 5e-6).collect();
+        let values: Vec<f64> = times.iter().map(|t| sum(*t)).collect();
+        let found = decay(&times, &values, None).unwrap();
+        println!("block {}: {:#?}", found.block, found.swings);
+        let s = found.swings.iter().find(|s| (s.frequency_hz - 130.0).abs() < 1.0).unwrap();
+        assert!(found.block == 17 && (s.frequency_hz / 130.0 - 1.0).abs() < 1e-5);
+        assert!((s.damping_ratio / 0.05 - 1.0).abs() < 1e-4 && (s.amplitude - 1.0).abs() < 1e-4, "{s:?}");
+        // Slower ones alone.
+        let slow = decay(&times, &values, Some(300.0)).unwrap();
+        assert!(slow.highest_hz >= 300.0 && slow.block > 17, "{}", slow.block);
+    }
+
+    /// With white noise of 2 % errors are as large as stated: of 40 ratios 30 to 40 lie within two standard errors.
+    #[test]
+    fn stated_errors_hold_under_noise() {
+        let mut within = 0;
+        for seed in 0..40 {
+            let mut random = SplitMix::of(&[seed]);
+            let times: Vec<f64> = (0..400).map(|k| f64::from(k) * 2e-4).collect();
+            let w = 2.0 * PI * 130.0;
+            let values: Vec<f64> = times
+                .iter()
+                .map(|t| (-0.05 * w * t).exp() * (w * t).sin() + 0.02 * normal_quantile(random.uniform()))
+                .collect();
+            let found = decay(&times, &values, None).unwrap();
+            let s = &found.swings[0];
+            let zeta = 0.05 / (1.0_f64 + 0.05 * 0.05).sqrt();
+            assert!((s.damping_ratio / zeta - 1.0).abs() < 0.2, "{s:?}");
+            within += usize::from((s.damping_ratio - zeta).abs() < 2.0 * s.damping_ratio_error);
+        }
+        println!("{within} of 40 within two standard errors");
+        assert!((32..=40).contains(&within), "{within}");
+    }
+
+    #[test]
+    fn a_swing_that_grows_is_told() {
+        let times: Vec<f64> = (0..200).map(|k| f64::from(k) * 1e-3).collect();
+        let values: Vec<f64> = times.iter().map(|t| (3.0 * t).exp() * (2.0 * PI * 40.0 * t).sin()).collect();
+        let found = decay(&times, &values, None).unwrap();
+        let s = &found.swings[0];
+        assert!((s.decay_rate_per_s + 3.0).abs() < 1e-6 && (s.amplitude - 1.0).abs() < 1e-6, "{s:?}");
+    }
+
+    #[test]
+    fn what_has_no_damping_is_refused() {
+        let times: Vec<f64> = (0..100).map(f64::from).collect();
+        assert_eq!(decay(&times, &[3.0; 100], None), Err(DampingError::Constant));
+        assert_eq!(decay(&times[..9], &[3.0; 9], None), Err(DampingError::Few(9, FEWEST)));
+        let mut random = SplitMix::of(&[3]);
+        let noise: Vec<f64> = (0..600).map(|_| normal_quantile(random.uniform())).collect();
+        let times: Vec<f64> = (0..600).map(f64::from).collect();
+        let found = decay(&times, &noise, None);
+        assert!(found == Err(DampingError::Noise) || found.is_ok_and(|d| d.left > 0.5));
+    }
+
+    /// One swing of 130 Hz driven by order 3 of a run-up, integrated exactly: the half power finds its ratio where nothing is in doubt.
+    #[test]
+    fn half_power_of_a_run_up() {
+        for (zeta, hz_per_s, bound) in [(0.05, 20.0, 0.03), (0.025, 8.0, 0.03), (0.05, 33.0, 0.04)] {
+            let record = run_up(130.0, zeta, hz_per_s);
+            let found = tracks(&record, 3.0, &[3.0], (1, 20.0)).unwrap();
+            let points: Vec<ResponsePoint> = response(&found, &found.tracks[0]);
+            let half = HalfPower::of(&points).unwrap();
+            println!("zeta {zeta}, {hz_per_s} Hz/s: {half:?} {:?}", half.doubts());
+            assert!(half.doubts().is_empty());
+            assert!((half.damping_ratio / zeta - 1.0).abs() < bound, "{half:?}");
+            assert!((half.frequency_hz / 130.0 - 1.0).abs() < 0.01);
+        }
+        // Faster it is in doubt, and wrong.
+        for (zeta, hz_per_s, least) in [(0.05, 60.0, 0.0515), (0.01, 200.0, 0.02)] {
+            let record = run_up(130.0, zeta, hz_per_s);
+            let found = tracks(&record, 3.0, &[3.0], (1, 20.0)).unwrap();
+            let half = HalfPower::of(&response(&found, &found.tracks[0])).unwrap();
+            println!("{half:?} {:?}", half.doubts());
+            assert!(!half.doubts().is_empty() && half.damping_ratio > least);
+        }
+    }
+
+    /// x'' + 2 zeta w x' + w^2 x = w^2 sin(2 pi order turns) from 90 to 170 Hz of order 3, by the exact solution for a force that is linear in a step.
+    fn run_up(hz: f64, zeta: f64, hz_per_s: f64) -> AngleRecord {
+        let (w, step_s) = (2.0 * PI * hz, 2e-4);
+        let mut record = AngleRecord { interval_s: step_s, ..AngleRecord::default() };
+        let (mut x, mut v, mut t) = (0.0_f64, 0.0_f64, 0.0_f64);
+        let parts = 20;
+        let turns_at = |t: f64| (90.0 * t + 0.5 * hz_per_s * t * t) / 3.0;
+        while 90.0 + hz_per_s * t < 170.0 {
+            record.turns.push(turns_at(t));
+            record.times_s.push(t);
+            record.values.push(x);
+            for k in 0..parts {
+                let h = step_s / f64::from(parts);
+                let force = w * w * (2.0 * PI * 3.0 * turns_at(t + (f64::from(k) + 0.5) * h)).sin();
+                let half = v + 0.5 * h * (force - w * w * x - 2.0 * zeta * w * v);
+                x += h * half;
+                v = (half + 0.5 * h * (force - w * w * x)) / (1.0 + h * zeta * w);
+            }
+            t += step_s;
+        }
+        record.turns_per_s = 130.0 / 3.0;
+        record
+    }
+
+    #[test]
+    fn a_resonance_that_is_not_passed_has_no_width() {
+        let of = |peak: f64| -> Vec<ResponsePoint> {
+            let point = |k: u32| {
+                let hz = f64::from(k);
+                ResponsePoint {
+                    time_s: hz,
+                    hz,
+                    amplitude: 1.0 / (1.0 + (hz - peak).powi(2) / 9.0).sqrt(),
+                    window_s: 0.1,
+                }
+            };
+            (0..50).map(point).collect()
+        };
+        assert_eq!(HalfPower::of(&of(60.0)), Err(NoWidth::AtEnd(49.0)));
+        assert!(matches!(HalfPower::of(&of(48.4)), Err(NoWidth::Overlaps(_) | NoWidth::AtEnd(_))));
+        assert_eq!(HalfPower::of(&of(60.0)[..3]), Err(NoWidth::Few(3)));
+        let half = HalfPower::of(&of(25.0)).unwrap();
+        assert!((half.damping_ratio - 0.12).abs() < 1e-9, "{half:?}");
+    }
+}
