@@ -582,9 +582,9 @@ mod tests {
         let swing = |a: f64, hz: f64, zeta: f64, phase: f64| {
             let w = 2.0 * PI * hz;
             let d = zeta * w / (1.0 - zeta * zeta).sqrt();
-            a * (-d * t).exp() * (w * t + phase).cos()
+            a * libm::exp(-d * t) * libm::cos(w * t + phase)
         };
-        4.0 + swing(1.0, 130.0, 0.05, 0.3) + swing(0.4, 410.0, 0.012, -1.0) + 0.7 * (-t / 0.03).exp()
+        4.0 + swing(1.0, 130.0, 0.05, 0.3) + swing(0.4, 410.0, 0.012, -1.0) + 0.7 * libm::exp(-t / 0.03)
     }
 
     #[test]
@@ -611,7 +611,8 @@ mod tests {
     /// Twenty times as many values, in blocks, with times that are not quite even: the same.
     #[test]
     fn blocks_lose_nothing() {
-        let times: Vec<f64> = (0..10_000).map(|k| (f64::from(k) + 0.2 * (f64::from(k) * 0.1).sin()) * 5e-6).collect();
+        let times: Vec<f64> =
+            (0..10_000).map(|k| (f64::from(k) + 0.2 * libm::sin(f64::from(k) * 0.1)) * 5e-6).collect();
         let values: Vec<f64> = times.iter().map(|t| sum(*t)).collect();
         let found = decay(&times, &values, None).unwrap();
         println!("block {}: {:#?}", found.block, found.swings);
@@ -633,7 +634,7 @@ mod tests {
             let w = 2.0 * PI * 130.0;
             let values: Vec<f64> = times
                 .iter()
-                .map(|t| (-0.05 * w * t).exp() * (w * t).sin() + 0.02 * normal_quantile(random.uniform()))
+                .map(|t| libm::exp(-0.05 * w * t) * libm::sin(w * t) + 0.02 * normal_quantile(random.uniform()))
                 .collect();
             let found = decay(&times, &values, None).unwrap();
             let s = &found.swings[0];
@@ -648,7 +649,7 @@ mod tests {
     #[test]
     fn a_swing_that_grows_is_told() {
         let times: Vec<f64> = (0..200).map(|k| f64::from(k) * 1e-3).collect();
-        let values: Vec<f64> = times.iter().map(|t| (3.0 * t).exp() * (2.0 * PI * 40.0 * t).sin()).collect();
+        let values: Vec<f64> = times.iter().map(|t| libm::exp(3.0 * t) * libm::sin(2.0 * PI * 40.0 * t)).collect();
         let found = decay(&times, &values, None).unwrap();
         let s = &found.swings[0];
         assert!((s.decay_rate_per_s + 3.0).abs() < 1e-6 && (s.amplitude - 1.0).abs() < 1e-6, "{s:?}");
@@ -702,7 +703,7 @@ mod tests {
             record.values.push(x);
             for k in 0..parts {
                 let h = step_s / f64::from(parts);
-                let force = w * w * (2.0 * PI * 3.0 * turns_at(t + (f64::from(k) + 0.5) * h)).sin();
+                let force = w * w * libm::sin(2.0 * PI * 3.0 * turns_at(t + (f64::from(k) + 0.5) * h));
                 let half = v + 0.5 * h * (force - w * w * x - 2.0 * zeta * w * v);
                 x += h * half;
                 v = (half + 0.5 * h * (force - w * w * x)) / (1.0 + h * zeta * w);
