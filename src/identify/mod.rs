@@ -31,6 +31,7 @@ pub mod predict;
 #[doc(hidden)]
 pub mod problem;
 pub mod report;
+mod resolved;
 #[doc(hidden)]
 pub mod rivals;
 #[doc(hidden)]
@@ -117,6 +118,8 @@ pub fn identify(
         let searched = search::search_from(measurement, declared, (Vec::new(), Vec::new()), &own, context);
         found = accept::accept(searched, None, &own, context);
     }
+    context.report("looking whether numbers hang on the step");
+    found.best = resolved::resolved(found.best, &own, context);
     let mut report = report::report(measurement, data, &found);
     let mut has_course = false;
     if !report.explained && !context.must_end() {

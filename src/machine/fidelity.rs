@@ -47,6 +47,8 @@ pub struct SearchEffort {
     pub iterations: usize,
     /// Whether noise alone is left when the model is right.
     pub noise_alone_is_left: bool,
+    /// Whether a run takes more steps where [`Machine::refinement`] asks for them.
+    pub has_steps: bool,
     /// A length that shows in records [m]: `Scale::Micrometre10`.
     pub small_length_m: f64,
 }

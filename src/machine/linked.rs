@@ -44,6 +44,7 @@ const EFFORT: SearchEffort = SearchEffort {
     converged_share: 1e-4,
     iterations: 8,
     noise_alone_is_left: false,
+    has_steps: false,
     // Large enough to exceed the non-repeating part.
     small_length_m: 30e-6,
 };

@@ -21,6 +21,7 @@ const EFFORT: SearchEffort = SearchEffort {
     converged_share: 2e-6,
     iterations: usize::MAX,
     noise_alone_is_left: true,
+    has_steps: true,
     small_length_m: 10e-6,
 };
 

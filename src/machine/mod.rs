@@ -60,6 +60,8 @@ pub struct Machine {
     pub chains: Vec<ChainLoop>,
     /// Spans of chains of spans in a drive with links.
     pub spans: Vec<SpanNumbers>,
+    /// How many times as many steps a run takes as it needs; of lumped drives alone.
+    pub refinement: usize,
     /// What differs between a lumped machine and one with link bodies.
     fidelity: Arc<dyn Fidelity>,
     /// Where every value stands in the file, for errors.
@@ -316,6 +318,7 @@ impl Machine {
             placed: Vec::new(),
             chains: Vec::new(),
             spans: Vec::new(),
+            refinement: 1,
             fidelity: Arc::new(lumped::Lumped),
             places: Places::empty(),
         }

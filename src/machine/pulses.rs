@@ -58,6 +58,7 @@ pub(super) fn pulses(
     if h < interval_s / ready.max_steps {
         return Err(RunError::Stiff { steps: interval_s / h });
     }
+    let h = h / m.refinement as f64;
     let (mut q, mut v) = (start.q.clone(), start.v.clone());
     q[body] = place(0).0;
     let mut z = ready.states();

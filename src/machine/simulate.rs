@@ -430,7 +430,7 @@ fn sampled<'a>(
     }
     let sparse = is_sparse(ready, even, channels, wanted);
     // Halves of halves of a sample, so that every sample can choose its own.
-    let parts = if sparse { (wanted as usize).next_power_of_two() } else { wanted as usize };
+    let parts = m.refinement * if sparse { (wanted as usize).next_power_of_two() } else { wanted as usize };
     let h = step_s / parts as f64;
     let span = t_s.last().copied().unwrap_or(0.0);
     let n_steps = if even { (t_s.len() - 1) * parts } else { libm::ceil(span / h - 1e-9) as usize };
@@ -503,7 +503,8 @@ fn sampled<'a>(
             work.input.fill(0.0);
             at(0.0, &q, &mut v, &mut work.input);
             let needed = ready.steps_of_sample((&q, &v, &z), (t, step_s), &work.input, &mut work.acting);
-            stride.set(parts / (libm::ceil(needed) as usize).next_power_of_two().clamp(1, parts));
+            let needed = m.refinement * (libm::ceil(needed) as usize).next_power_of_two();
+            stride.set(parts / needed.clamp(1, parts));
         }
         rk4(ready, (&mut q, &mut v, &mut z), (t, h * stride.get() as f64), &mut work, &mut at);
         if sparse && !is_sample {
