@@ -37,12 +37,11 @@ pub(super) enum SpringEffect {
     Loss { law: fn(&[f64], f64, f64) -> f64, p: Vec<f64> },
 }
 
-/// Forces and tensions at one instant, filled by `PreparedMachine::forces`.
+/// Tensions of all springs at one instant, filled by `PreparedMachine::forces_into`.
 #[derive(Default)]
-pub(super) struct ActingForces {
-    pub(super) force: Vec<f64>,
+pub(super) struct SpringForces {
     pub(super) tension: Vec<f64>,
-    pub(super) slopes: Vec<(usize, f64)>,
+    slopes: Vec<(usize, f64)>,
 }
 
 /// A force on a body as a function of its motion.
@@ -142,11 +141,16 @@ impl<'a> PreparedMachine<'a> {
     }
 
     /// Forces on all bodies, without inputs, at a time since the start of the record and with the inner states `z`.
-    pub(super) fn forces(&self, (q, v, z): (&[f64], &[f64], &[f64]), t_s: f64, out: &mut ActingForces) {
-        out.force.clear();
-        out.force.resize(q.len(), 0.0);
+    #[inline(always)]
+    pub(super) fn forces_into(
+        &self,
+        (q, v, z): (&[f64], &[f64], &[f64]),
+        t_s: f64,
+        force: &mut [f64],
+        out: &mut SpringForces,
+    ) {
+        force.fill(0.0);
         out.tension.clear();
-        let force = &mut out.force;
         for (body, law, p) in &self.on_body {
             force[*body] += law(p, BodyAt { q: q[*body], v: v[*body] });
         }
@@ -248,11 +252,11 @@ impl<'a> PreparedMachine<'a> {
         (q, v, z): (&[f64], &[f64], &[f64]),
         (t_s, step_s): (f64, f64),
         input: &[f64],
-        acting: &mut ActingForces,
+        (force, springs): (&mut [f64], &mut SpringForces),
     ) -> f64 {
-        self.forces((q, v, z), t_s, acting);
+        self.forces_into((q, v, z), t_s, force, springs);
         let reach: Vec<f64> =
-            (0..v.len()).map(|i| MARGIN * step_s * ((acting.force[i] + input[i]) / self.inertia[i]).abs()).collect();
+            (0..v.len()).map(|i| MARGIN * step_s * ((force[i] + input[i]) / self.inertia[i]).abs()).collect();
         let highest: Vec<f64> = v.iter().zip(&reach).map(|(v, reach)| v.abs() + reach).collect();
         let mut rate = vec![0.0_f64; v.len()];
         for (body, law) in self.laws_of_speed(t_s) {

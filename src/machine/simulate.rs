@@ -3,9 +3,9 @@
 //! The step divides the time between two samples. It is the largest one that resolves the fastest oscillation by 30
 //! steps and keeps every friction slope stable. It is determined from the machine's parameters before the run.
 
-use super::forces::{ActingForces, PreparedMachine};
+use super::forces::{PreparedMachine, SpringForces};
 use super::pulses::{self, pulses};
-use super::{BodyMotion, Input, InputKind, Machine, PlacedEffect, Reads, Target};
+use super::{Body, BodyMotion, Input, InputKind, Machine, PlacedEffect, Reads, Target};
 use crate::effects::{BodyAt, Physics, Trace};
 use std::f64::consts::PI;
 
@@ -168,62 +168,97 @@ pub(super) type Stage<'a> = &'a mut dyn FnMut(f64, &[f64], &mut [f64], &mut [f64
 /// One step of the classical scheme; `at` gives input forces and prescribed speeds at a stage (0, 1/2, 1).
 pub(super) fn rk4(
     ready: &PreparedMachine,
-    (q, v, z): (&mut [f64], &mut [f64], &mut [f64]),
-    (t_s, h): (f64, f64),
+    moving: (&mut [f64], &mut [f64], &mut [f64]),
+    step: (f64, f64),
     work: &mut Rk4Buffers,
     at: Stage,
 ) {
+    // Most machines have few bodies: a known number of them takes half of the instructions.
+    match moving.0.len() {
+        1 => rk4_of::<1>(ready, moving, step, work, at),
+        2 => rk4_of::<2>(ready, moving, step, work, at),
+        3 => rk4_of::<3>(ready, moving, step, work, at),
+        _ => {
+            let mut stage = std::mem::take(&mut work.stage);
+            let [q, v, dq, dv, input, force] = &mut stage;
+            rk4_body(ready, moving, step, work, [q, v, dq, dv, input, force], at);
+            work.stage = stage;
+        }
+    }
+}
+
+fn rk4_of<const N: usize>(
+    ready: &PreparedMachine,
+    (q, v, z): (&mut [f64], &mut [f64], &mut [f64]),
+    step: (f64, f64),
+    work: &mut Rk4Buffers,
+    at: Stage,
+) {
+    let (Some(q), Some(v)) = (q.first_chunk_mut::<N>(), v.first_chunk_mut::<N>()) else { return };
+    let [mut a, mut b, mut c, mut d, mut e, mut f] = [[0.0; N]; 6];
+    rk4_body(ready, (q, v, z), step, work, [&mut a, &mut b, &mut c, &mut d, &mut e, &mut f], at);
+}
+
+/// `stage`: places, speeds, sums of their derivatives, input forces and forces.
+#[inline(always)]
+fn rk4_body(
+    ready: &PreparedMachine,
+    (q, v, z): (&mut [f64], &mut [f64], &mut [f64]),
+    (t_s, h): (f64, f64),
+    work: &mut Rk4Buffers,
+    stage: [&mut [f64]; 6],
+    at: Stage,
+) {
     let n = q.len();
-    let free = &work.free;
-    work.q.copy_from_slice(q);
-    work.v.copy_from_slice(v);
-    work.dq.fill(0.0);
-    work.dv.fill(0.0);
+    let [qs, vs, dq, dv, input, force] = stage;
+    let free = &work.free[..n];
+    qs.copy_from_slice(q);
+    vs.copy_from_slice(v);
+    dq.fill(0.0);
+    dv.fill(0.0);
     for (stage, (from, weight)) in [(0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)].into_iter().enumerate() {
-        work.input.fill(0.0);
-        at(from, &work.q, &mut work.v, &mut work.input);
-        ready.states_after(z, |b| work.q[b] - q[b], &mut work.z);
-        ready.forces((&work.q, &work.v, &work.z), t_s + from * h, &mut work.acting);
+        input.fill(0.0);
+        at(from, qs, vs, input);
+        ready.states_after(z, |b| qs[b] - q[b], &mut work.z);
+        ready.forces_into((qs, vs, &work.z), t_s + from * h, force, &mut work.springs);
         if stage == 0 {
-            work.at_node.clear();
-            work.at_node.extend_from_slice(&work.acting.force);
-            work.at_node.iter_mut().zip(&work.input).for_each(|(f, u)| *f += u);
-            work.tension_at_node.clear();
-            work.tension_at_node.extend_from_slice(&work.acting.tension);
-            work.v_at_node.copy_from_slice(&work.v);
+            for i in 0..n {
+                work.at_node[i] = force[i] + input[i];
+                work.v_at_node[i] = vs[i];
+            }
+            work.tension_at_node.clone_from(&work.springs.tension);
         }
         let next = [0.5, 0.5, 1.0, 0.0][stage];
         for i in 0..n {
-            let a = if free[i] { (work.acting.force[i] + work.input[i]) / ready.inertia[i] } else { 0.0 };
-            let speed = work.v[i];
-            work.dq[i] += weight * speed;
-            work.dv[i] += weight * a;
-            work.q[i] = q[i] + next * h * speed;
+            let a = if free[i] { (force[i] + input[i]) / ready.inertia[i] } else { 0.0 };
+            let speed = vs[i];
+            dq[i] += weight * speed;
+            dv[i] += weight * a;
+            qs[i] = q[i] + next * h * speed;
             if free[i] {
-                work.v[i] = v[i] + next * h * a;
+                vs[i] = v[i] + next * h * a;
             }
         }
     }
-    ready.states_after(z, |b| h / 6.0 * work.dq[b], &mut work.z);
-    z.copy_from_slice(&work.z);
+    if !z.is_empty() {
+        ready.states_after(z, |b| h / 6.0 * dq[b], &mut work.z);
+        z.copy_from_slice(&work.z);
+    }
     for i in 0..n {
-        q[i] += h / 6.0 * work.dq[i];
+        q[i] += h / 6.0 * dq[i];
         if free[i] {
-            v[i] += h / 6.0 * work.dv[i];
+            v[i] += h / 6.0 * dv[i];
         }
     }
 }
 
 pub(super) struct Rk4Buffers {
     free: Vec<bool>,
-    q: Vec<f64>,
-    v: Vec<f64>,
-    dq: Vec<f64>,
-    dv: Vec<f64>,
+    /// What a stage works with where bodies are many.
+    stage: [Vec<f64>; 6],
     /// Inner states at a stage.
     z: Vec<f64>,
-    input: Vec<f64>,
-    acting: ActingForces,
+    springs: SpringForces,
     /// At the start of the step: force on each body, tension of each spring, speed.
     at_node: Vec<f64>,
     tension_at_node: Vec<f64>,
@@ -236,13 +271,9 @@ impl Rk4Buffers {
         let zero = || vec![0.0; n];
         Rk4Buffers {
             free: m.bodies.iter().map(|b| b.motion == BodyMotion::Free).collect(),
-            q: zero(),
-            v: zero(),
-            dq: zero(),
-            dv: zero(),
+            stage: std::array::from_fn(|_| zero()),
             z: vec![0.0; states],
-            input: zero(),
-            acting: ActingForces::default(),
+            springs: SpringForces::default(),
             at_node: zero(),
             tension_at_node: Vec::new(),
             v_at_node: zero(),
@@ -444,7 +475,15 @@ fn sampled<'a>(
         .map(|(i, u)| if i.kind == InputKind::Angle { derivative(u, h) } else { Vec::new() })
         .collect();
     let (mut q, mut v, mut z) = (start.q.clone(), start.v.clone(), ready.states());
+    let mut q_before = q.clone();
     let mut work = Rk4Buffers::new(m, z.len());
+    let (mut input_now, mut force_now) = (vec![0.0; q.len()], vec![0.0; q.len()]);
+    let constant = |(i, b): (usize, &Body)| match b.motion {
+        BodyMotion::Constant(slot) => Some((i, ready.values[slot])),
+        BodyMotion::Free | BodyMotion::Measured(_) => None,
+    };
+    let constant: Vec<(usize, f64)> = m.bodies.iter().enumerate().filter_map(constant).collect();
+    let prescribes = m.inputs.iter().any(|i| matches!(i.kind, InputKind::Speed | InputKind::Angle));
     let mut traces: Vec<Vec<f64>> = channels.iter().map(|_| Vec::with_capacity(n_steps + 1)).collect();
     let mut angles: Vec<Vec<f64>> = channels.iter().map(|_| Vec::with_capacity(n_steps + 1)).collect();
     let mut speeds: Vec<Vec<f64>> = channels.iter().map(|_| Vec::new()).collect();
@@ -460,7 +499,7 @@ fn sampled<'a>(
         if let Some(correction) = correction.as_mut().filter(|_| is_sample) {
             correction.apply(ready, step / parts, step_s, &mut q, &mut v);
         }
-        let q_before = q.clone();
+        q_before.copy_from_slice(&q);
         let at_step = step.min(n_steps.saturating_sub(1));
         let late = if step == n_steps && n_steps > 0 { 1.0 } else { 0.0 };
         let mut at = |stage: f64, q: &[f64], v: &mut [f64], force: &mut [f64]| {
@@ -478,15 +517,15 @@ fn sampled<'a>(
                     a
                 }
             };
-            for (k, input) in m.inputs.iter().enumerate() {
-                if let InputKind::Speed | InputKind::Angle = input.kind {
-                    v[input.body] = input_at(k);
+            if prescribes {
+                for (k, input) in m.inputs.iter().enumerate() {
+                    if let InputKind::Speed | InputKind::Angle = input.kind {
+                        v[input.body] = input_at(k);
+                    }
                 }
             }
-            for (i, body) in m.bodies.iter().enumerate() {
-                if let BodyMotion::Constant(slot) = body.motion {
-                    v[i] = ready.values[slot];
-                }
+            for (i, speed) in &constant {
+                v[*i] = *speed;
             }
             for (body, law, p) in &ready.motion {
                 v[*body] *= 1.0 + law(p, q[*body]);
@@ -500,9 +539,10 @@ fn sampled<'a>(
         };
         if sparse && is_sample && step < n_steps {
             stride.set(1);
-            work.input.fill(0.0);
-            at(0.0, &q, &mut v, &mut work.input);
-            let needed = ready.steps_of_sample((&q, &v, &z), (t, step_s), &work.input, &mut work.acting);
+            input_now.fill(0.0);
+            at(0.0, &q, &mut v, &mut input_now);
+            let needed =
+                ready.steps_of_sample((&q, &v, &z), (t, step_s), &input_now, (&mut force_now, &mut work.springs));
             let needed = m.refinement * (libm::ceil(needed) as usize).next_power_of_two();
             stride.set(parts / needed.clamp(1, parts));
         }
