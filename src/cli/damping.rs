@@ -3,7 +3,7 @@
 use super::sheet::{bracketed, digits};
 use super::{Answer, Failure, Outcome, answer};
 use crate::analysis::damping::{DampingError, Decay, HalfPower, NoWidth, UNEXPLAINED, decay, response};
-use crate::analysis::order_spectrum::{AngleRecord, SpectrumError, read};
+use crate::analysis::order_spectrum::{AngleRecord, PERIODS, SpectrumError, read};
 use crate::analysis::order_tracks::tracks;
 use crate::analysis::signal::Signal;
 use crate::recording::reader::WHOLE;
@@ -28,7 +28,7 @@ pub struct DampingArgs {
     /// With --order: turns of the driver in a window
     #[arg(long, value_name = "TURNS", default_value = "4", value_parser = super::finite, requires = "order")]
     window: f64,
-    /// Without --order: only swings slower than this [Hz]; faster ones are averaged away
+    /// Without --order: only swings up to this frequency [Hz]; faster ones are filtered away
     #[arg(long, value_name = "HZ", value_parser = super::finite, conflicts_with = "order")]
     to_hz: Option<f64>,
     /// Print JSON
@@ -92,8 +92,9 @@ fn decay_text(name: &str, signal: &Signal, found: &Decay) -> String {
         1e3 * found.from_s,
         1e3 * found.to_s
     );
-    if found.block > 1 {
-        let _infallible = write!(text, " in blocks of {}, which follow up to {:.0} Hz", found.block, found.highest_hz);
+    if found.every > 1 {
+        let _infallible =
+            write!(text, "; every {}th behind a low-pass filter, up to {:.0} Hz", found.every, found.highest_hz);
     }
     let _infallible = writeln!(
         text,
@@ -155,10 +156,18 @@ fn of_run_up(
             1e6 * record.interval_s
         )));
     }
+    if order * args.window < PERIODS {
+        return Err(Failure::Input(format!(
+            "--window {}: order {order} has {:.2} periods in a window, and is told from the mean from {PERIODS} on: give --window {:.1}",
+            args.window,
+            order * args.window,
+            PERIODS / order
+        )));
+    }
     let found = tracks(record, args.window, &[order], (1, order)).map_err(|e| {
         Failure::Input(match e {
             SpectrumError::Few(there, needed) => format!(
-                "{name}: a window of {} turns has {there} values of `{}`, it takes {needed}: record more often (--every), or give --window more turns",
+                "{name}: a window of {} turns, or all of it, has {there} values of `{}`, it takes {needed}: record more often (--every), or give --window more turns",
                 args.window, signal.name
             ),
             SpectrumError::Still => format!("{name}: the driver stands still: take the decay, without --order"),

@@ -345,6 +345,10 @@ fn moved_body(before: &Model, after: &Model) -> Option<String> {
             return Some(format!("move sprocket `{}` by {:.3} um", b.name, moved_m * 1e6));
         }
     }
+    let racks = |m: &Model| m.ratchets.iter().map(|r| (r.pitch_m, r.backlash_m)).collect::<Vec<_>>();
+    if racks(before) != racks(after) {
+        return Some("change, add or take away a ratchet".to_string());
+    }
     let counts = |m: &Model| [m.sprockets.len(), m.guides.len(), m.arms.len(), m.rails.len()];
     let same_number = counts(before) == counts(after);
     (!same_number).then(|| "add or take away a sprocket, a guide or an arm".to_string())

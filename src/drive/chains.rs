@@ -1,7 +1,7 @@
 //! A drive of several chains: what belongs to each, which drives which, and what turns.
 
 use super::bearings::BearingSpec;
-use super::mechanism::PassageLaw;
+use super::mechanism::{PassageLaw, SliderSpec};
 use super::valves::ValveSpec;
 use super::{ChainFidelity, ChainSpec, Drive, OuterSpec, PreloadSpec};
 use crate::recording::columns::Rows;
@@ -280,6 +280,7 @@ impl Drive {
                 }
                 paths.extend(self.valves.iter().flat_map(ValveSpec::slider_paths));
                 paths.extend(balls().map(|p| p.path.clone()));
+                paths.extend(self.ratchets().map(|s| format!("sliders.{}_pawl", s.name)));
                 let sides = |b: &BearingSpec| ["along", "across"].map(|side| format!("{}.{side}", b.path));
                 paths.extend(self.bearings.iter().flat_map(sides));
                 paths.extend(self.effects.mounts().map(|(_, mount)| mount.path.clone()));
@@ -294,6 +295,7 @@ impl Drive {
                 }
                 paths.extend(self.valves.iter().flat_map(ValveSpec::touch_paths));
                 paths.extend(balls().flat_map(|p| ["seat", "stop"].map(|end| format!("{}.{end}", p.path))));
+                paths.extend(self.ratchets().map(|s| format!("sliders.{}.ratchet", s.name)));
             }
             Rows::Chamber => {
                 let oil = oil.iter();
@@ -304,6 +306,11 @@ impl Drive {
             Rows::Span => paths = self.span_paths(),
         }
         paths
+    }
+
+    /// Sliders with a ratchet.
+    fn ratchets(&self) -> impl Iterator<Item = &SliderSpec> {
+        self.sliders.iter().filter(|s| s.ratchet.is_some() && self.tip_contact.is_some())
     }
 
     /// Stops of arms, then tips and stops of sliders, of a drive with one chain.

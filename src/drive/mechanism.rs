@@ -490,7 +490,8 @@ fn read_pipe(t: &TomlTable<'_>) -> Pipe {
     pipe
 }
 
-/// Shortest pipe over its diameter. assumed: what the flow loses at its ends is then up to a third of all at Re 4000.
+/// Shortest pipe over its diameter. What the flow loses at its ends is left out: in a pipe as short, a fifth of all in laminar flow at Re 100 (1.5
+/// against f L/D = 6.4), and four fifths in turbulent flow.
 const SHORTEST_PIPE: f64 = 10.0;
 
 fn read_gap(t: &TomlTable<'_>) -> AnnularGap {

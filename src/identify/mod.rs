@@ -119,7 +119,7 @@ pub fn identify(
         found = accept::accept(searched, None, &own, context);
     }
     context.report("looking whether numbers hang on the step");
-    found.best = resolved::resolved(found.best, &own, context);
+    let mut unresolved = resolved::resolve(&mut found.best, &own, context);
     let mut report = report::report(measurement, data, &found);
     let mut has_course = false;
     if !report.explained && !context.must_end() {
@@ -129,12 +129,14 @@ pub fn identify(
         let drifting = drifting::varying_numbers(&found.best, others, context);
         has_course = accept_drifting::accept_drifting(&mut found, &drifting);
         if has_course {
+            unresolved = resolved::resolve(&mut found.best, &own, context);
             report = report::report(measurement, data, &found);
         }
         report.varying = drifting.into_iter().take(drifting::TOLD).map(|d| d.number).collect();
         let proposed = report.varying.first().filter(|_| !has_course).map(drifting::VaryingNumber::experiment);
         report.next_experiment.splice(0..0, proposed);
     }
+    report.warnings.extend(unresolved);
     let noisy: [OnceCell<(Data, Data)>; 2] = Default::default();
     if !has_course {
         let records = PredictedRecords { data, machine, named: &named, noisy: &noisy };

@@ -16,6 +16,7 @@ use super::judge;
 use super::model::{FIT_ITERATIONS, FittedModel, fit_model, refitted};
 use super::problem::{Point, Problem};
 use super::report::{self, ChannelError, IdentificationReport};
+use super::resolved::resolve;
 use super::search::{self, Context, SearchResult};
 use super::stats;
 use crate::effects::{Physics, sign_blind};
@@ -343,7 +344,8 @@ pub(super) fn by_prediction<'a>(
         };
         let noisy = searched.declared.problem.data;
         let held_out = searched.declared.own;
-        let predicted = accept::accept(searched, Some(&found.best), held_out, context);
+        let mut predicted = accept::accept(searched, Some(&found.best), held_out, context);
+        let unresolved = resolve(&mut predicted.best, held_out, context);
         if context.must_end() {
             let cut = "the search ended before all was predicted: names and errors are those of the way before";
             report.warnings.push(cut.into());
@@ -358,6 +360,7 @@ pub(super) fn by_prediction<'a>(
             report.doubts.push(alone.into());
             break;
         }
+        second.warnings.extend(unresolved);
         if !second.explained {
             second.varying = report.varying;
         }

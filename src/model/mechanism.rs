@@ -1,7 +1,7 @@
 //! Arms and sliders, what they touch, and the oil behind them.
 
 use super::{ArmModel, Model, PlacedDrive};
-use crate::drive::mechanism::{CheckSpec, OilSpec, PassageLaw, SliderSpec};
+use crate::drive::mechanism::{CheckSpec, OilSpec, PassageLaw, RatchetSpec, SliderSpec};
 use crate::drive::{Drive, PreloadSpec};
 use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
@@ -29,6 +29,8 @@ pub struct Ratchet {
     pub pawl: usize,
     /// Distance of the teeth [m].
     pub pitch_m: f64,
+    /// Way back behind the tooth that was reached last, until the pawl holds [m].
+    pub backlash_m: f64,
 }
 
 /// Appends the coordinates of arms.
@@ -56,6 +58,9 @@ pub(super) fn build_arms(drive: &Drive, placed: &PlacedDrive, coordinates: &mut 
     }
     arms
 }
+
+/// Teeth that a pawl may pass in a step.
+const MOST_TEETH: f64 = 1e6;
 
 /// Reach of an arm that carries nothing [m].
 const SHORTEST_ARM_M: f64 = 1e-3;
@@ -267,7 +272,8 @@ impl Model {
                 stick_speed_m_s: contact.stick_speed_m_s,
                 radii: PairRadii { bush_m: STOP_RADIUS_M, body_m: f64::INFINITY },
             });
-            self.ratchets.push(Ratchet { slider, pawl, pitch_m: ratchet.pitch_m });
+            let RatchetSpec { pitch_m, backlash_m } = ratchet;
+            self.ratchets.push(Ratchet { slider, pawl, pitch_m, backlash_m });
         }
     }
 
@@ -275,8 +281,10 @@ impl Model {
     #[inline(always)]
     pub fn click(&self, q: &mut [f64]) {
         for r in &self.ratchets {
-            while q[r.slider] - q[r.pawl] >= r.pitch_m {
-                q[r.pawl] += r.pitch_m;
+            let teeth = libm::floor((q[r.slider] - q[r.pawl]) / r.pitch_m);
+            // A slider that is out of all bounds is told by the step.
+            if (1.0..MOST_TEETH).contains(&teeth) {
+                q[r.pawl] += teeth * r.pitch_m;
             }
         }
     }
