@@ -1,6 +1,10 @@
 //! `lap` on frames whose numbers over the way are known: the place itself, forces of spans that `audit` measures in another way, displacements
 //! that are put in, and gaps that the recorded contacts state.
 
+mod common;
+
+use pitchline::analysis::audit::Topology;
+use pitchline::analysis::audit::spans::spans_of;
 use pitchline::analysis::lap::{Lap, LapError, LapRecorder, LapZone, PlaceStatistics};
 use pitchline::assemble::compile;
 use pitchline::model::Model;
@@ -319,5 +323,30 @@ fn the_verb_prints_draws_and_refuses() {
     ] {
         let (code, text) = pitchline(&args);
         assert!(code == Some(2) && text.contains(words), "{args:?}: {text}");
+    }
+}
+
+/// Two chains, of which the second is made to run the other way: its spans alone change their ends.
+#[test]
+fn spans_have_the_ends_of_their_own_chain() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let drive = folder.path().join("two.toml");
+    std::fs::write(&drive, common::two_stages("bush-20-40", "bush-20-40")).expect("a drive");
+    let (header, frames, _) = recorded(drive.to_str().expect("text"), "1ms", &[]);
+    let topology = Topology::of(&header);
+    let mut frame = frames.last().expect("a frame").clone();
+    let before = spans_of(&frame, &header, &topology);
+    let second = header.chains()[1].clone();
+    for i in second.clone() {
+        (frame.links.vx_m_s[i], frame.links.vy_m_s[i]) = (-frame.links.vx_m_s[i], -frame.links.vy_m_s[i]);
+    }
+    let after = spans_of(&frame, &header, &topology);
+    assert_eq!(before.len(), 4);
+    let name = |body: usize| header.bodies[body].path.as_str();
+    for ((a, force), (b, same)) in before.iter().zip(&after) {
+        let is_second = ["sprockets.pinion", "sprockets.output"].contains(&name(a.0));
+        println!("{} to {}: {force:.1} N, then {} to {}", name(a.0), name(a.1), name(b.0), name(b.1));
+        assert_eq!(force, same);
+        assert_eq!(*b, if is_second { (a.1, a.0) } else { *a });
     }
 }

@@ -150,6 +150,21 @@ fn pawls_have_names() {
         assert_eq!(header.row_paths(rows).expect("named"), drive.row_paths(rows));
     }
     assert!(drive.row_paths(Rows::Slider).contains(&"sliders.plunger_pawl".to_string()));
+    // The drawn pawl stands before a drawn tooth by the gap that the contact has.
+    let body =
+        |path: &str| header.bodies.iter().find(|b| b.path == path).and_then(|b| b.outline.as_ref()).expect("drawn");
+    let pawl = &body("housings.plunger_housing").circles[0];
+    let ratchet = model.ratchets[0];
+    let q = &assemble(&drive).unwrap_or_else(|e| panic!("{e}")).state.coordinates.angle;
+    let gap_m = q[ratchet.slider] - q[ratchet.pawl] + ratchet.backlash_m;
+    let faces = body("sliders.plunger")
+        .elements
+        .iter()
+        .filter(|e| (e.start_x_m - e.end_x_m).abs() < 1e-12)
+        .map(|e| e.start_x_m);
+    let before_m: Vec<f64> = faces.map(|x| x + q[ratchet.slider] - (pawl.x_m + pawl.radius_m)).collect();
+    println!("gap {gap_m:e}, faces {before_m:?}");
+    assert!(before_m.len() > 10 && before_m.iter().any(|b| (b - gap_m).abs() < 1e-9));
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("r.toml"), text_with_ratchet(0.05, 0.02)).expect("a drive");
     let pitchline = |line: &str| {

@@ -114,7 +114,7 @@ pub struct Topology {
     pub chain: Vec<usize>,
     /// Mean pitch that the header declares of every chain: it tells which joints lie near a sprocket [m].
     pub pitch_m: Vec<f64>,
-    /// Whether the chain runs towards the link ahead.
+    /// Whether the first chain runs towards the link ahead.
     pub forwards: bool,
     /// The link whose bush carries each roller, and whether at its front.
     pub rollers: Vec<(usize, bool)>,

@@ -61,6 +61,16 @@ fn rows_of_spans<'a>(header: &'a Header) -> impl Iterator<Item = (usize, SpanEnd
     })
 }
 
+/// Whether each chain runs towards its links ahead in this frame: a sprocket that it wraps from outside turns the next chain the other way.
+fn run_forwards(frame: &Frame, topology: &Topology) -> Vec<bool> {
+    let l = &frame.links;
+    let mut along = vec![0.0; topology.pitch_m.len()];
+    for (i, (chain, ahead)) in topology.chain.iter().zip(&topology.ahead).enumerate() {
+        along[*chain] += (l.x_m[*ahead] - l.x_m[i]) * l.vx_m_s[i] + (l.y_m[*ahead] - l.y_m[i]) * l.vy_m_s[i];
+    }
+    along.into_iter().map(|sum| if sum == 0.0 { topology.forwards } else { sum > 0.0 }).collect()
+}
+
 /// Spans of one frame: its ends, and the mean force in its joints, or its tension where it has none [N].
 pub fn spans_of(frame: &Frame, header: &Header, topology: &Topology) -> Vec<(SpanEnds, f64)> {
     let c = &frame.contacts;
@@ -73,6 +83,7 @@ pub fn spans_of(frame: &Frame, header: &Header, topology: &Topology) -> Vec<(Spa
     }
     let tension = |(row, ends): (usize, SpanEnds)| Some((ends, *frame.spans.tension_n.get(row)?));
     let mut found: Vec<(SpanEnds, f64)> = rows_of_spans(header).filter_map(tension).collect();
+    let forwards = run_forwards(frame, topology);
     for start in 0..on.len() {
         let Some(from) = on[start].filter(|_| on[topology.ahead[start]].is_none()) else { continue };
         let mut links = Vec::new();
@@ -88,7 +99,7 @@ pub fn spans_of(frame: &Frame, header: &Header, topology: &Topology) -> Vec<(Spa
         let inner = &links[BESIDE..links.len() - BESIDE];
         let force = |i: usize| libm::hypot(frame.joints.force_x_n[i], frame.joints.force_y_n[i]);
         let mean = inner.iter().map(|i| force(*i)).sum::<f64>() / inner.len() as f64;
-        found.push((if topology.forwards { (from, to) } else { (to, from) }, mean));
+        found.push((if forwards[topology.chain[start]] { (from, to) } else { (to, from) }, mean));
     }
     found
 }

@@ -6,7 +6,7 @@
 
 use super::{fill, outline_element};
 use crate::drive::Drive;
-use crate::drive::mechanism::{OilSpec, PassageLaw, SliderSpec};
+use crate::drive::mechanism::{OilSpec, PassageLaw, RatchetSpec, SliderSpec};
 use crate::elements::hydraulics::PassageEnd;
 use crate::geometry::profile::Element;
 use crate::geometry::{Vec2, cross, perp, unit};
@@ -24,6 +24,10 @@ const PIVOT_RADIUS_M: f64 = 3e-3;
 /// Width of a pad as it is drawn, and wall of a housing: in radii of the tip and of the plunger.
 const PAD_WIDTH: f64 = 1.5;
 const WALL: f64 = 0.35;
+/// Teeth of a ratchet: their height over pitch and over the plunger's radius, and most that are drawn.
+const TOOTH_OF_PITCH: f64 = 0.4;
+const TOOTH_OF_RADIUS: f64 = 0.2;
+const MOST_DRAWN_TEETH: f64 = 200.0;
 /// Deepest chamber that is drawn as deep as it is, in radii of the plunger.
 const DEEPEST: f64 = 8.0;
 
@@ -359,12 +363,46 @@ impl Plunger<'_> {
             Element::Arc { centre: Vec2::zeros(), radius_m: tip_m, start_rad: -half_rad, sweep_rad: 2.0 * half_rad };
         let side = |y: f64| Element::Line { start: Vec2::new(back, y), end: Vec2::new(shoulder, y) };
         let upper = facing_back(side(r), Vec2::new(1.0, 0.0));
+        let upper = if self.spec.ratchet.is_some() { self.rack() } else { vec![upper] };
         Outline {
             name: name.to_string(),
-            elements: joined(&[side(-r), tip, upper], None),
+            elements: joined(&[vec![side(-r), tip], upper].concat(), None),
             closed: true,
             circles: Vec::new(),
         }
+    }
+
+    /// Height of a ratchet's teeth as they are drawn.
+    fn tooth_m(&self, ratchet: &RatchetSpec) -> f64 {
+        f64::min(TOOTH_OF_PITCH * ratchet.pitch_m, TOOTH_OF_RADIUS * self.radius_m)
+    }
+
+    /// The side with the teeth of a ratchet, from the tip backwards: faces that the pawl in the mouth of the bore holds, where the plunger has gone back by
+    /// the backlash behind one, and ramps that lift it.
+    fn rack(&self) -> Vec<Element> {
+        let Some(ratchet) = self.spec.ratchet else { return Vec::new() };
+        let (pitch_m, depth_m, r) = (ratchet.pitch_m, self.tooth_m(&ratchet), self.radius_m);
+        let first_m = self.mouth_m + ratchet.backlash_m;
+        let (front, back) = (self.shoulder_m, -self.length_m);
+        let highest = libm::floor((front - pitch_m - first_m) / pitch_m);
+        let lowest = libm::ceil((back - first_m) / pitch_m).max(highest - MOST_DRAWN_TEETH);
+        let mut faces = vec![highest];
+        while faces.last().is_some_and(|k| k - 1.0 >= lowest) {
+            faces.extend(faces.last().map(|k| k - 1.0));
+        }
+        let ramp = |k: f64| {
+            let x = first_m + k * pitch_m;
+            Element::Line { start: Vec2::new(x + pitch_m, r - depth_m), end: Vec2::new(x, r) }
+        };
+        let corner = |x: f64| Element::Line { start: Vec2::new(x, r), end: Vec2::new(x, r) };
+        let ramps = faces.into_iter().filter(|k| *k >= lowest).map(ramp);
+        std::iter::once(corner(front)).chain(ramps).chain([corner(back)]).collect()
+    }
+
+    /// The end of the pawl, in the mouth of the bore.
+    fn pawl(&self) -> Option<OutlineCircle> {
+        let radius_m = 0.5 * self.tooth_m(&self.spec.ratchet?);
+        Some(OutlineCircle { x_m: self.mouth_m - radius_m, y_m: self.radius_m - radius_m, radius_m })
     }
 
     fn housing(&self, name: &str) -> Outline {
@@ -383,7 +421,12 @@ impl Plunger<'_> {
         .map(|(x, y)| Vec2::new(x, y));
         let sides: Vec<Element> =
             corners.windows(2).map(|ends| Element::Line { start: ends[0], end: ends[1] }).collect();
-        Outline { name: format!("{name} housing"), elements: joined(&sides, None), closed: true, circles: Vec::new() }
+        Outline {
+            name: format!("{name} housing"),
+            elements: joined(&sides, None),
+            closed: true,
+            circles: self.pawl().into_iter().collect(),
+        }
     }
 
     /// Balls of the check valves of its chamber, and of chambers behind that, side by side at its bottom.
