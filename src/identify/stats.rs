@@ -18,6 +18,9 @@ pub fn correlation(parts: &[Vec<f64>], lag: usize) -> f64 {
     if square > 0.0 && pairs > 0 { (product / pairs as f64) / (square / n as f64) } else { 0.0 }
 }
 
+/// So many samples count as one at most.
+const MOST_SAMPLES_FOR_ONE: f64 = 50.0;
+
 /// Effective number of independent samples, after Bayley and Hammersley 1946 with all lags until the correlation has
 /// decayed; at least one in fifty.
 pub fn effective(parts: &[Vec<f64>]) -> f64 {
@@ -26,12 +29,13 @@ pub fn effective(parts: &[Vec<f64>]) -> f64 {
     let mut sum = 1.0;
     for lag in 1..longest / 3 {
         let rho = correlation(parts, lag);
-        if rho < 0.1 {
+        // Beyond the least share further lags change nothing.
+        if rho < 0.1 || sum >= MOST_SAMPLES_FOR_ONE {
             break;
         }
         sum += 2.0 * rho;
     }
-    (n as f64 / sum).max(n as f64 / 50.0).min(n as f64)
+    (n as f64 / sum).max(n as f64 / MOST_SAMPLES_FOR_ONE).min(n as f64)
 }
 
 /// Root mean square over segments.

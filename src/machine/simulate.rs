@@ -389,7 +389,8 @@ impl<'a> Correction<'a> {
                 let off = weight * (value - v[*body]);
                 dv[*body] += share * off;
                 if self.is_carried[*body] {
-                    dq[*body] += (1.0 - share) * step_s * off;
+                    // The gain of a force that is constant in a sample and differs from one to the next: the mean of the speeds that it has missed.
+                    dq[*body] += (1.0 - 0.5 * share) * step_s * off;
                 }
                 continue;
             }
@@ -543,8 +544,8 @@ fn sampled<'a>(
             at(0.0, &q, &mut v, &mut input_now);
             let needed =
                 ready.steps_of_sample((&q, &v, &z), (t, step_s), &input_now, (&mut force_now, &mut work.springs));
-            let needed = m.refinement * (libm::ceil(needed) as usize).next_power_of_two();
-            stride.set(parts / needed.clamp(1, parts));
+            // So many are exact; more are taken by the limit alone.
+            stride.set(parts / (libm::ceil(needed) as usize).next_power_of_two().clamp(1, parts));
         }
         rk4(ready, (&mut q, &mut v, &mut z), (t, h * stride.get() as f64), &mut work, &mut at);
         if sparse && !is_sample {
