@@ -1,5 +1,7 @@
 //! Ratchets of plungers: the pawl clicks on with the plunger, and holds it by the backlash; with every scheme, and from a keyframe.
 
+mod common;
+
 use pitchline::assemble::{Assembly, assemble};
 use pitchline::drive::Drive;
 use pitchline::integrate::explicit::Scratch;
@@ -105,13 +107,7 @@ fn a_pawl_clicks_on_with_its_plunger() {
     assert!(seen.plunger_m > seen.pawl_m - 0.02e-3 - 2.0 * seen.force_n / 1e7);
     assert!(seen.ledger.abs() < 1e-4);
     // The same bits from a keyframe.
-    let keyframe = assembly.state.keyframe();
-    let mut again = Assembly {
-        model: assembly.model.clone(),
-        state: pitchline::state::State::at_rest(&assembly.model.layout()),
-        report: assembly.report.clone(),
-    };
-    again.state.restore(&keyframe).unwrap_or_else(|e| panic!("{e}"));
+    let mut again = common::from_keyframe(&assembly);
     run(&mut assembly, 2e-3);
     run(&mut again, 2e-3);
     assert_eq!(assembly.state.hash(), again.state.hash());

@@ -1,5 +1,7 @@
 //! The hydraulic tensioner of a bundled drive: rest, ledger, oil, pumping of the check valve, going on from a keyframe.
 
+mod common;
+
 use pitchline::assemble::{Assembly, assemble, at_rest};
 use pitchline::drive::Drive;
 use pitchline::geometry::cross;
@@ -156,12 +158,7 @@ fn a_run_goes_on_from_a_keyframe_to_the_bit() {
     let mut assembly = assemble(&drive(&[])).unwrap_or_else(|e| panic!("{e}"));
     run(&mut assembly, 2e-3);
     let keyframe = assembly.state.keyframe();
-    let mut again = Assembly {
-        model: assembly.model.clone(),
-        state: pitchline::state::State::at_rest(&assembly.model.layout()),
-        report: assembly.report.clone(),
-    };
-    again.state.restore(&keyframe).unwrap_or_else(|e| panic!("{e}"));
+    let mut again = common::from_keyframe(&assembly);
     run(&mut assembly, 2e-3);
     run(&mut again, 2e-3);
     assert_eq!(assembly.state.hash(), again.state.hash());

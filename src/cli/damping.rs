@@ -2,7 +2,8 @@
 
 use super::sheet::{bracketed, digits};
 use super::{Answer, Failure, Outcome, answer};
-use crate::analysis::damping::{DampingError, Decay, HalfPower, NoWidth, UNEXPLAINED, decay, response};
+use crate::analysis::decay::{DampingError, Decay, UNEXPLAINED, decay};
+use crate::analysis::half_power::{HalfPower, NoWidth, response};
 use crate::analysis::order_spectrum::{AngleRecord, PERIODS, SpectrumError, read};
 use crate::analysis::order_tracks::tracks;
 use crate::analysis::signal::Signal;

@@ -60,6 +60,17 @@ pub fn assembled(drive: &Drive) -> Assembly {
     }
 }
 
+/// A keyframe of a run, put into a State of its own: what goes on from it beside the run.
+pub fn from_keyframe(assembly: &Assembly) -> Assembly {
+    let mut again = Assembly {
+        model: assembly.model.clone(),
+        state: State::at_rest(&assembly.model.layout()),
+        report: assembly.report.clone(),
+    };
+    again.state.restore(&assembly.state.keyframe()).unwrap_or_else(|e| panic!("{e}"));
+    again
+}
+
 /// Runs `steps` steps and passes every node to `look`.
 pub fn watch(model: &Model, state: &mut State, steps: u64, mut look: impl FnMut(&State, &Scratch)) {
     let mut scratch = Scratch::new(model);
