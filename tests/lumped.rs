@@ -490,6 +490,54 @@ fn motion(m: &Machine, torque: Vec<f64>, v: f64, start_s: f64) -> (Vec<f64>, Vec
     (out.pop().expect("a speed"), angle)
 }
 
+/// A torque that rises past friction, falls back, and turns round: the disc sticks, slides, stops and slides back as Coulomb's law says. Its
+/// friction is so sharp that explicit steps would need half a million for a sample.
+#[test]
+fn a_disc_sticks_and_slides_both_ways_as_coulomb_says() {
+    let m = disc("[loads.friction.disc]\ntorque_nm = 0.1\nstick_speed_rad_s = 1e-5\n");
+    // The gain is 0.5 N m per unit, the inertia 0.01 kg m^2.
+    let command: Vec<f64> = (0..400).map(|i| [0.16, 0.3, 0.0, -0.19, -0.4][(i / 80) as usize]).collect();
+    let (speed, angle) = motion(&m, command.clone(), 0.0, 0.0);
+    let (mut v, mut q) = (0.0_f64, 0.0_f64);
+    for (i, command) in command.iter().enumerate() {
+        assert!((speed[i] - v).abs() < 5e-5 && (angle[i] - q).abs() < 1e-5, "{i}: {} {v}, {} {q}", speed[i], angle[i]);
+        let torque = 0.5 * command;
+        let way = if v == 0.0 { if torque.abs() > 0.1 { torque.signum() } else { 0.0 } } else { v.signum() };
+        if way == 0.0 {
+            continue;
+        }
+        let rate = (torque - 0.1 * way) / 0.01;
+        let stops = if v * rate < 0.0 { (-v / rate).min(1e-3) } else { 1e-3 };
+        q += v * stops + 0.5 * rate * stops * stops;
+        v = if stops < 1e-3 { 0.0 } else { v + rate * 1e-3 };
+    }
+}
+
+/// An effect that is placed and switched off changes no bit of a run whose samples take their own numbers of steps, and a small one of a
+/// sensor changes it in proportion.
+#[test]
+fn effects_of_sensors_and_inputs_leave_the_steps_near_rest_as_they_are() {
+    let stiff = "[loads.friction.disc]\ntorque_nm = 0.1\nstick_speed_rad_s = 1e-3\n";
+    let command: Vec<f64> = (0..500).map(|i| 0.5 * (0.03 * f64::from(i)).sin()).collect();
+    let of = |table: &str| motion(&disc(&format!("{stiff}{table}")), command.clone(), 0.0, 0.0).0;
+    let plain = of("");
+    for off in [
+        "[effects.latency.disc]\ndelay_ms = 0.0\n",
+        "[effects.input_lag.disc]\ntime_ms = 0.0\n",
+        "[effects.load_friction.disc]\nloss_percent = 0.0\n",
+        "[effects.offset.disc]\noffset = 0.0\n",
+    ] {
+        assert!(of(off) == plain, "{off}");
+    }
+    let change = |size: f64| -> Vec<f64> {
+        let late = of(&format!("[effects.latency.disc]\ndelay_ms = {size}\n"));
+        late.iter().zip(&plain).map(|(a, b)| (a - b) / size).collect()
+    };
+    let (small, large) = (change(1e-6), change(1e-2));
+    let size = large.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+    assert!(small.iter().zip(&large).all(|(a, b)| (a - b).abs() < 1e-3 * size), "{size}");
+}
+
 /// A push far below the slip is answered by a spring of stiffness T / s; a fast disc loses T x - T s (1 - exp(-x / s)) over a way x.
 #[test]
 fn friction_that_bends_is_a_spring_at_first_and_then_slides() {

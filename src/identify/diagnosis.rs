@@ -111,7 +111,7 @@ pub fn diagnose(model: &FittedModel, threads: usize) -> Diagnosis {
             .into_iter()
             .flatten()
             .collect();
-    let channels = (0..problem.channels.len()).map(|c| channel(problem, &parts, &bodies, c)).collect();
+    let channels = (0..problem.channels.len()).map(|c| channel(problem, &parts, &bodies, c, threads)).collect();
     let mut forces = unnamed::forces(model, threads);
     forces.sort_by(|a: &StateLine, b| b.share.total_cmp(&a.share));
     forces.retain(|f| f.share > MIN_SHARE);
@@ -120,7 +120,7 @@ pub fn diagnose(model: &FittedModel, threads: usize) -> Diagnosis {
 }
 
 /// Highest whole order of a shaft that is looked for before effects are screened, and orders of a body that are kept.
-const HIGHEST_SCREENED: u32 = 64;
+const HIGHEST_SCREENED: usize = 64;
 const SCREENED_ORDERS: usize = 3;
 
 /// For every body the whole orders that stand out of the residuals of some channel, the strongest first. Nothing for pulses and for
@@ -149,25 +149,21 @@ pub(super) fn standing_orders(model: &FittedModel, threads: usize) -> Vec<Vec<f6
             (whole.max(1e-300), stats::effective(&all).max(1.0))
         })
         .collect();
-    let jobs: Vec<(usize, u32)> =
-        (0..turning.len()).flat_map(|i| (1..=HIGHEST_SCREENED).map(move |order| (i, order))).collect();
-    let largest = parallel(jobs.len(), threads, |job| {
-        let (i, order) = jobs[job];
-        let share = |(c, (whole, effective)): (usize, &(f64, f64))| {
-            let lines: Vec<f64> = parts.iter().filter_map(|p| line(p, i, c, f64::from(order))).map(|l| l.0).collect();
-            let share = lines.iter().sum::<f64>() / whole;
-            let by_chance = 2.0 * lines.len() as f64 / effective;
-            if share > MIN_SHARE && share > CHANCE_FACTOR * by_chance { share } else { 0.0 }
-        };
-        channels.iter().enumerate().map(share).fold(0.0, f64::max)
-    });
     for (i, body) in turning.iter().enumerate() {
-        let mut own: Vec<(f64, f64)> = jobs
-            .iter()
-            .zip(&largest)
-            .filter(|((of, _), share)| *of == i && **share > 0.0)
-            .map(|((_, order), share)| (*share, f64::from(*order)))
-            .collect();
+        let of_part = |c: usize, p: usize| lines(&parts[p], i, c, (1.0, 1.0, HIGHEST_SCREENED));
+        let of_channel = |c: usize| parallel(parts.len(), threads, |p| of_part(c, p));
+        let by_channel: Vec<Vec<Vec<Option<Line>>>> = (0..channels.len()).map(of_channel).collect();
+        let largest = |order: usize| {
+            let share = |(c, (whole, effective)): (usize, &(f64, f64))| {
+                let own: Vec<f64> = by_channel[c].iter().filter_map(|lines| lines[order - 1]).map(|l| l.0).collect();
+                let share = own.iter().sum::<f64>() / whole;
+                let by_chance = 2.0 * own.len() as f64 / effective;
+                if share > MIN_SHARE && share > CHANCE_FACTOR * by_chance { share } else { 0.0 }
+            };
+            channels.iter().enumerate().map(share).fold(0.0, f64::max)
+        };
+        let shares = (1..=HIGHEST_SCREENED).map(|order| (largest(order), order as f64));
+        let mut own: Vec<(f64, f64)> = shares.filter(|(share, _)| *share > 0.0).collect();
         own.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.total_cmp(&b.1)));
         found[*body] = own.into_iter().take(SCREENED_ORDERS).map(|(_, order)| order).collect();
     }
@@ -230,7 +226,13 @@ fn known(v: f64) -> f64 {
     if v.is_finite() { v } else { 0.0 }
 }
 
-fn channel(problem: &Problem, parts: &[SegmentResiduals], bodies: &[usize], c: usize) -> ChannelResiduals {
+fn channel(
+    problem: &Problem,
+    parts: &[SegmentResiduals],
+    bodies: &[usize],
+    c: usize,
+    threads: usize,
+) -> ChannelResiduals {
     let m = &problem.machine;
     let all: Vec<Vec<f64>> = parts.iter().map(|p| p.residuals[c].clone()).collect();
     let whole: f64 = all.iter().flatten().map(|r| r * r).sum::<f64>().max(1e-300);
@@ -253,13 +255,13 @@ fn channel(problem: &Problem, parts: &[SegmentResiduals], bodies: &[usize], c: u
                     looked.extend((1..=3).map(|k| (format!("chain loop {k} of {}", body.name), loops * f64::from(k))));
                 }
             }
-            by_order.extend(spectrum(parts, i, c, shown).map(|(orders, amplitudes)| OrderSpectrum {
+            by_order.extend(spectrum(parts, i, c, shown, threads).map(|(orders, amplitudes)| OrderSpectrum {
                 body: body.path.clone(),
                 orders,
                 amplitudes,
             }));
             for (name, order) in looked {
-                let found: Vec<(f64, f64, f64)> = parts.iter().filter_map(|p| line(p, i, c, order)).collect();
+                let found: Vec<Line> = parts.iter().filter_map(|p| line(p, i, c, order)).collect();
                 let share = found.iter().map(|f| f.0).sum::<f64>() / whole;
                 if significant(share, 2 * found.len()) {
                     let speed_exponent = exponent(&found);
@@ -319,34 +321,58 @@ fn sign(v: f64) -> f64 {
     if v == 0.0 { 0.0 } else { v.signum() }
 }
 
-/// Share of the squares that a wave of this order removes from a channel in a segment, its amplitude, and the mean
-/// speed. None if the segment is too short or its sampling too coarse.
-fn line(p: &SegmentResiduals, body: usize, channel: usize, order: f64) -> Option<(f64, f64, f64)> {
+/// Share of the squares that a wave of one order removes from a channel in a segment, its amplitude, and the mean speed.
+type Line = (f64, f64, f64);
+
+/// Samples that are looked at together, for all orders.
+const TOGETHER: usize = 512;
+
+/// What a wave of each of `count` orders from `first` on, `step` apart, removes. None for an order of which the segment is too short, or its
+/// sampling too coarse.
+fn lines(
+    p: &SegmentResiduals,
+    body: usize,
+    channel: usize,
+    (first, step, count): (f64, f64, usize),
+) -> Vec<Option<Line>> {
     let (q, r) = (&p.moves[body].q, &p.residuals[channel]);
     let n = r.len();
     if n < 16 {
-        return None;
+        return vec![None; count];
     }
     let way: f64 = q.windows(2).map(|w| (w[1] - w[0]).abs()).sum();
-    let turns = order * way / TAU;
-    if turns < 3.0 || turns > 0.45 * n as f64 {
-        return None;
-    }
-    let mut sums = [0.0; 5];
-    for (q, r) in q.iter().zip(r) {
-        let (s, c) = (libm::sin(order * q), libm::cos(order * q));
-        for (sum, x) in sums.iter_mut().zip([c * c, s * s, c * s, c * r, s * r]) {
-            *sum += x;
+    let speed = p.moves[body].v.iter().map(|v| v.abs()).sum::<f64>() / n as f64;
+    let mut sums = vec![[0.0; 5]; count];
+    // The wave of one order, turned by that of the distance, is the wave of the next: some 1e-13 are lost over thousands of them.
+    for (q, r) in q.chunks(TOGETHER).zip(r.chunks(TOGETHER)) {
+        let waves = |order: f64| q.iter().map(|q| crate::units::sin_cos(order * q)).collect::<Vec<(f64, f64)>>();
+        let (mut wave, turn) = (waves(first), if count > 1 { waves(step) } else { Vec::new() });
+        for sums in &mut sums {
+            for ((s, c), r) in wave.iter().zip(r) {
+                for (sum, x) in sums.iter_mut().zip([c * c, s * s, c * s, c * r, s * r]) {
+                    *sum += x;
+                }
+            }
+            for ((s, c), (sin, cos)) in wave.iter_mut().zip(&turn) {
+                (*s, *c) = (*s * cos + *c * sin, *c * cos - *s * sin);
+            }
         }
     }
-    let [cc, ss, cs, cr, sr] = sums;
-    let det = cc * ss - cs * cs;
-    if det < 1e-6 * cc * ss {
-        return None;
-    }
-    let (a, b) = ((ss * cr - cs * sr) / det, (cc * sr - cs * cr) / det);
-    let speed = p.moves[body].v.iter().map(|v| v.abs()).sum::<f64>() / n as f64;
-    Some((a * cr + b * sr, libm::hypot(a, b), speed))
+    let of = |(i, [cc, ss, cs, cr, sr]): (usize, [f64; 5])| {
+        let turns = (first + i as f64 * step) * way / TAU;
+        let det = cc * ss - cs * cs;
+        if !(3.0..=0.45 * n as f64).contains(&turns) || det < 1e-6 * cc * ss {
+            return None;
+        }
+        let (a, b) = ((ss * cr - cs * sr) / det, (cc * sr - cs * cr) / det);
+        Some((a * cr + b * sr, libm::hypot(a, b), speed))
+    };
+    sums.into_iter().enumerate().map(of).collect()
+}
+
+/// The same for one order.
+fn line(p: &SegmentResiduals, body: usize, channel: usize, order: f64) -> Option<Line> {
+    lines(p, body, channel, (order, 0.0, 1)).into_iter().next().flatten()
 }
 
 /// Orders that are computed for a spectrum, and lines that are drawn.
@@ -354,7 +380,13 @@ const MAX_ORDERS: usize = 2000;
 const ORDER_BINS: usize = 200;
 
 /// Orders, and amplitudes times `shown`. None if the body does not turn often enough.
-fn spectrum(parts: &[SegmentResiduals], body: usize, channel: usize, shown: f64) -> Option<(Vec<f64>, Vec<f64>)> {
+fn spectrum(
+    parts: &[SegmentResiduals],
+    body: usize,
+    channel: usize,
+    shown: f64,
+    threads: usize,
+) -> Option<(Vec<f64>, Vec<f64>)> {
     let turns = |p: &SegmentResiduals| p.moves[body].q.windows(2).map(|w| (w[1] - w[0]).abs()).sum::<f64>() / TAU;
     let (longest, samples) =
         parts.iter().map(|p| (turns(p), p.residuals[channel].len())).max_by(|a, b| a.0.total_cmp(&b.0))?;
@@ -364,14 +396,15 @@ fn spectrum(parts: &[SegmentResiduals], body: usize, channel: usize, shown: f64)
     // Orders at half the resolution limit of records of this length, up to the maximum count.
     let last = 0.45 * samples as f64 / longest;
     let count = ((2.0 * longest * last) as usize).clamp(ORDER_BINS, MAX_ORDERS);
+    let step = last / count as f64;
+    let found = parallel(parts.len(), threads, |i| lines(&parts[i], body, channel, (step, step, count)));
     let (mut orders, mut amplitudes) = (Vec::new(), Vec::new());
     for bin in 0..ORDER_BINS {
         let inside = bin * count / ORDER_BINS..(bin + 1) * count / ORDER_BINS;
         let of = |i: usize| {
-            let order = last * (i as f64 + 1.0) / count as f64;
-            let lines: Vec<f64> = parts.iter().filter_map(|p| line(p, body, channel, order)).map(|l| l.1).collect();
-            let mean = lines.iter().sum::<f64>() / lines.len().max(1) as f64;
-            (order, mean * shown)
+            let own: Vec<f64> = found.iter().filter_map(|lines| lines[i]).map(|l| l.1).collect();
+            let mean = own.iter().sum::<f64>() / own.len().max(1) as f64;
+            (step * (i as f64 + 1.0), mean * shown)
         };
         let (order, amplitude) = inside.map(of).max_by(|a, b| a.1.total_cmp(&b.1))?;
         orders.push(order);
@@ -424,7 +457,7 @@ fn periodogram(parts: &[Vec<f64>]) -> Periodogram {
 }
 
 /// Slope of the logarithm of amplitude over that of speed; None unless speeds differ by at least a third.
-fn exponent(found: &[(f64, f64, f64)]) -> Option<f64> {
+fn exponent(found: &[Line]) -> Option<f64> {
     let points: Vec<(f64, f64)> =
         found.iter().filter(|f| f.1 > 0.0 && f.2 > 0.0).map(|f| (libm::log(f.2), libm::log(f.1))).collect();
     let low = points.iter().map(|p| p.0).fold(f64::MAX, f64::min);
@@ -460,7 +493,7 @@ mod tests {
         let q: Vec<f64> = (0..2000).map(|i| 0.1 * f64::from(i) + 1e-5 * f64::from(i * i)).collect();
         let residuals = vec![q.iter().map(|q| 0.7 * libm::sin(3.0 * q + 0.4)).collect()];
         let part = SegmentResiduals { residuals, moves: vec![BodyMotionSamples { v: vec![1.0; q.len()], q }] };
-        let (orders, amplitudes) = spectrum(&[part], 0, 0, 10.0).expect("turns often enough");
+        let (orders, amplitudes) = spectrum(&[part], 0, 0, 10.0, 1).expect("turns often enough");
         let top = (0..orders.len()).max_by(|a, b| amplitudes[*a].total_cmp(&amplitudes[*b])).expect("lines");
         assert!(
             (orders[top] - 3.0).abs() < 0.02 && (amplitudes[top] - 7.0).abs() < 0.7,

@@ -45,7 +45,7 @@ pub(super) struct SpringForces {
 }
 
 /// A force on a body as a function of its motion.
-type LawOfSpeed<'a> = Box<dyn Fn(BodyAt) -> f64 + 'a>;
+type LawOfSpeed<'a> = &'a dyn Fn(BodyAt) -> f64;
 
 /// A speed may change within a sample by so many times what its acceleration at the beginning says.
 const MARGIN: f64 = 2.0;
@@ -125,6 +125,11 @@ impl<'a> PreparedMachine<'a> {
 
     pub(super) fn has_states(&self) -> bool {
         !self.with_state.is_empty()
+    }
+
+    /// Whether a force changes with time alone.
+    pub(super) fn has_timed_forces(&self) -> bool {
+        !self.timed.is_empty()
     }
 
     /// Inner states once the bodies have moved from `z` by the distances `dq`.
@@ -237,38 +242,45 @@ impl<'a> PreparedMachine<'a> {
         highest
     }
 
-    /// Forces on bodies that depend on their own motion alone, at a time.
-    fn laws_of_speed(&self, t_s: f64) -> impl Iterator<Item = (usize, LawOfSpeed<'_>)> {
-        let plain = self.on_body.iter().map(|(b, law, p)| (*b, Box::new(move |at: BodyAt| law(p, at)) as LawOfSpeed));
-        let timed =
-            self.timed.iter().map(move |(b, law, p)| (*b, Box::new(move |at: BodyAt| law(p, at, t_s)) as LawOfSpeed));
-        plain.chain(timed)
+    /// Calls `look` with each force on a body that depends on its own motion alone, at a time and with these forces of the inputs.
+    fn each_law_of_speed(&self, t_s: f64, load: impl Fn(usize) -> f64, mut look: impl FnMut(usize, LawOfSpeed)) {
+        for (body, law, p) in &self.on_body {
+            look(*body, &|at| law(p, at));
+        }
+        for (body, law, p) in &self.timed {
+            look(*body, &|at| law(p, at, t_s));
+        }
+        for (k, law, p) in &self.loaded {
+            let load = load(*k);
+            look(self.m.inputs[*k].body, &|at| law(p, at, load));
+        }
     }
 
     /// Steps that the coming sample of a machine without springs needs, by the friction at the speeds that may come in it and by waves of
-    /// the highest order. So many that more would change no digit that a difference quotient of a fit sees.
+    /// the highest order. So many that more would change no digit that a difference quotient of a fit sees. `input`: force of all inputs on
+    /// each body; `load`: that of one input; `order`: the highest.
     pub(super) fn steps_of_sample(
         &self,
         (q, v, z): (&[f64], &[f64], &[f64]),
         (t_s, step_s): (f64, f64),
-        input: &[f64],
-        (force, springs): (&mut [f64], &mut SpringForces),
+        (input, load): (&[f64], impl Fn(usize) -> f64),
+        order: Option<f64>,
+        (force, rate, springs): (&mut [f64], &mut [f64], &mut SpringForces),
     ) -> f64 {
         self.forces_into((q, v, z), t_s, force, springs);
-        let reach: Vec<f64> =
-            (0..v.len()).map(|i| MARGIN * step_s * ((force[i] + input[i]) / self.inertia[i]).abs()).collect();
-        let highest: Vec<f64> = v.iter().zip(&reach).map(|(v, reach)| v.abs() + reach).collect();
-        let mut rate = vec![0.0_f64; v.len()];
-        for (body, law) in self.laws_of_speed(t_s) {
-            let near = (v[body].abs() - reach[body]).max(0.0) * v[body].signum();
-            let d = 1e-6 * highest[body].max(1e-9);
+        let reach = |i: usize| MARGIN * step_s * ((force[i] + input[i]) / self.inertia[i]).abs();
+        let highest = |i: usize| v[i].abs() + reach(i);
+        rate.fill(0.0);
+        self.each_law_of_speed(t_s, load, |body, law| {
+            let near = (v[body].abs() - reach(body)).max(0.0) * v[body].signum();
+            let d = 1e-6 * highest(body).max(1e-9);
             let at = |v: f64| law(BodyAt { q: q[body], v });
             let slope = |v: f64| (at(v + d) - at(v - d)).abs() / (2.0 * d);
-            rate[body] += slope(near).max(slope(v[body])).max(slope(highest[body])) / self.inertia[body];
-        }
-        let fastest = highest.iter().copied().fold(0.0, f64::max);
-        let waves = self.highest_order().map_or(0.0, |order| order * fastest / (2.0 * PI));
-        let rate = rate.into_iter().fold(0.0, f64::max);
+            rate[body] += slope(near).max(slope(v[body])).max(slope(highest(body))) / self.inertia[body];
+        });
+        let fastest = (0..v.len()).map(highest).fold(0.0, f64::max);
+        let waves = order.map_or(0.0, |order| order * fastest / (2.0 * PI));
+        let rate = rate.iter().copied().fold(0.0, f64::max);
         (step_s * rate / EXACT_DECAY).max(step_s * waves / EXACT_WAVE).max(1.0)
     }
 
@@ -297,11 +309,8 @@ impl<'a> PreparedMachine<'a> {
             let follows = (law.fastest)(p, speed[*body]);
             omega2[*body] += (law.stiffness)(p) / self.inertia[*body] + follows * follows;
         }
-        let loaded = self.loaded.iter().map(|(k, law, p)| {
-            let load = load.get(*k).copied().unwrap_or(0.0);
-            (self.m.inputs[*k].body, Box::new(move |at: BodyAt| law(p, at, load)) as LawOfSpeed)
-        });
-        for (body, law) in self.laws_of_speed(0.0).chain(loaded) {
+        let load = |k: usize| load.get(k).copied().unwrap_or(0.0);
+        self.each_law_of_speed(0.0, load, |body, law| {
             let top = speed[body].abs().max(1e-9);
             let d = 1e-6 * top;
             let slope =
@@ -310,7 +319,7 @@ impl<'a> PreparedMachine<'a> {
             let least = if turns { 0.3 * top } else { 0.0 };
             rate[body] +=
                 [least, 0.5 * (least + top), top].map(slope).into_iter().fold(0.0, f64::max) / self.inertia[body];
-        }
+        });
         let free = |i: usize| self.m.bodies[i].motion == BodyMotion::Free;
         let most = |of: &[f64]| (0..of.len()).filter(|i| free(*i)).map(|i| of[i]).fold(0.0, f64::max);
         // Two bodies on one spring: the squared frequency is at most the sum of both squares.

@@ -19,6 +19,7 @@ mod place;
 mod pulses;
 mod read;
 mod response;
+mod rosenbrock;
 #[doc(hidden)]
 pub mod simulate;
 
@@ -60,7 +61,7 @@ pub struct Machine {
     pub chains: Vec<ChainLoop>,
     /// Spans of chains of spans in a drive with links.
     pub spans: Vec<SpanNumbers>,
-    /// How many times as many steps a run takes as it needs; of lumped drives alone.
+    /// How many times as many steps a run takes as it needs: a power of two; of lumped drives alone.
     pub refinement: usize,
     /// What differs between a lumped machine and one with link bodies.
     fidelity: Arc<dyn Fidelity>,

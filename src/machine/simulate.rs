@@ -1,10 +1,12 @@
 //! Running a lumped machine: classical fourth-order Runge-Kutta at a fixed step, with sensors read at every node.
 //!
 //! The step divides the time between two samples. It is the largest one that resolves the fastest oscillation by 30
-//! steps and keeps every friction slope stable. It is determined from the machine's parameters before the run.
+//! steps and keeps every friction slope stable. It is determined from the machine's parameters before the run. Where friction alone is
+//! stiff, every sample takes the steps that it needs by itself, or implicit ones ([`super::rosenbrock`]).
 
 use super::forces::{PreparedMachine, SpringForces};
 use super::pulses::{self, pulses};
+use super::rosenbrock::{self, RosenbrockBuffers, Way};
 use super::{Body, BodyMotion, Input, InputKind, Machine, PlacedEffect, Reads, Target};
 use crate::effects::{BodyAt, Physics, Trace};
 use std::f64::consts::PI;
@@ -120,7 +122,11 @@ pub fn run(
 pub fn steps_needed(m: &Machine, values: &[f64], task: &Task, start: &InitialState) -> f64 {
     let ready = PreparedMachine::new(m, values, MAX_STEPS);
     match &task.samples {
-        Samples::Times { step_s, .. } => steps(&ready, *step_s, &top_speeds(m, task, start), &top_loads(&ready, task)),
+        Samples::Times { step_s, even, .. } => {
+            let wanted = steps(&ready, *step_s, &top_speeds(m, task, start), &top_loads(&ready, task));
+            // Implicit steps bear any friction.
+            if is_sparse(&ready, *even, &[], wanted) { LEAST_SPARSE } else { wanted }
+        }
         Samples::Pulses { interval_s, .. } => {
             let marks = m.sensors.iter().find_map(|s| match s.reads {
                 Reads::Pulses { marks, .. } => Some(marks),
@@ -281,26 +287,71 @@ impl Rk4Buffers {
     }
 }
 
-/// Whether every sample takes the steps that it needs by itself: where friction is stiff near rest alone, and nothing looks between the
-/// samples. Effects of inputs and sensors go over all nodes.
+/// Whether every sample takes the steps that it needs by itself: where friction is stiff near rest alone. Effects of inputs and sensors then
+/// act at the samples, as they do where one step crosses a sample. An effect that is added changes nothing else of a run, so that a small
+/// size of it shows.
 fn is_sparse(ready: &PreparedMachine, even: bool, channels: &[usize], wanted: f64) -> bool {
     let m = ready.m;
-    let looks_between = |c: &usize| {
-        let placed = m.placed.iter().any(|p| p.target == Target::Sensor(*c));
-        placed || matches!(m.sensors[*c].reads, Reads::Reaction(_))
-    };
-    let on_input = m.placed.iter().any(|p| matches!(p.target, Target::Input(_)));
+    // The force of a prescribed motion takes differences between nodes.
+    let is_reaction = |c: &usize| matches!(m.sensors[*c].reads, Reads::Reaction(_));
     let moves = m.inputs.iter().any(|i| !matches!(i.kind, InputKind::Force(_)));
     // With springs and bristles, the number of steps would change results in digits that the fit sees.
     let has_waves = !m.springs.is_empty() || ready.has_states();
-    if wanted < LEAST_SPARSE || has_waves || !even || on_input || moves || clock(m, ready.values) != 0.0 {
-        return false;
+    let is_plain = !has_waves && !moves && even && clock(m, ready.values) == 0.0;
+    wanted >= LEAST_SPARSE && is_plain && !channels.iter().any(is_reaction)
+}
+
+/// How samples near rest are crossed.
+struct NearRest {
+    buffers: RosenbrockBuffers,
+    /// Whether forces change between two nodes.
+    is_driven: bool,
+    /// Speed that counts as high for each body, and the error of a step that it allows.
+    highest: Vec<f64>,
+    tolerance: Vec<f64>,
+    refinement: f64,
+    /// Highest order of a wave.
+    order: Option<f64>,
+    /// What each body's steps are found with.
+    rate: Vec<f64>,
+}
+
+impl NearRest {
+    fn new(ready: &PreparedMachine, task: &Task, h: f64, is_smooth: bool) -> NearRest {
+        let mut highest = vec![1e-12_f64; ready.m.bodies.len()];
+        // What the largest force gives in the time between two nodes.
+        for (input, load) in ready.m.inputs.iter().zip(top_loads(ready, task)) {
+            highest[input.body] = highest[input.body].max(h * load / ready.inertia[input.body]);
+        }
+        NearRest {
+            buffers: RosenbrockBuffers::default(),
+            is_driven: is_smooth || ready.has_timed_forces(),
+            tolerance: vec![0.0; highest.len()],
+            rate: vec![0.0; highest.len()],
+            highest,
+            refinement: ready.m.refinement as f64,
+            order: ready.highest_order(),
+        }
     }
-    !channels.iter().any(looks_between)
+
+    /// Explicit steps to the next node; 0: implicit ones.
+    fn steps(&mut self, needed: f64, v: &[f64]) -> usize {
+        for ((highest, tolerance), v) in self.highest.iter_mut().zip(&mut self.tolerance).zip(v) {
+            *highest = highest.max(v.abs());
+            *tolerance = IMPLICIT_ERROR / self.refinement * *highest;
+        }
+        // Few numbers of steps, so that few changes of a machine's numbers change them.
+        let steps = libm::ceil(self.refinement * needed);
+        if steps > MOST_EXPLICIT { 0 } else { (steps as usize).next_power_of_two() }
+    }
 }
 
 /// Steps per sample from which samples take their own number.
-const LEAST_SPARSE: f64 = 4.0;
+const LEAST_SPARSE: f64 = 2.0;
+/// Explicit steps between two nodes at most: more take longer than implicit ones.
+const MOST_EXPLICIT: f64 = 16.0;
+/// Error of an implicit step over the highest speed: less than a difference quotient of a fit sees.
+const IMPLICIT_ERROR: f64 = 1e-8;
 
 /// Share by which a signal is made larger to see what the effects of its sensor let through, and what they let through at least.
 const SMALL_SHARE: f64 = 1e-3;
@@ -457,12 +508,12 @@ fn sampled<'a>(
 ) -> Result<NodeReadings<'a>, RunError> {
     let m = ready.m;
     let wanted = libm::ceil(steps(ready, step_s, &top_speeds(m, task, start), &top_loads(ready, task)));
-    if !(wanted.is_finite() && wanted <= ready.max_steps) {
+    let sparse = is_sparse(ready, even, channels, wanted);
+    if !(wanted.is_finite() && (sparse || wanted <= ready.max_steps)) {
         return Err(RunError::Stiff { steps: wanted });
     }
-    let sparse = is_sparse(ready, even, channels, wanted);
-    // Halves of halves of a sample, so that every sample can choose its own.
-    let parts = m.refinement * if sparse { (wanted as usize).next_power_of_two() } else { wanted as usize };
+    // Nodes between two samples, where inputs and sensors are looked at.
+    let parts = m.refinement * if sparse { 1 } else { wanted as usize };
     let h = step_s / parts as f64;
     let span = t_s.last().copied().unwrap_or(0.0);
     let n_steps = if even { (t_s.len() - 1) * parts } else { libm::ceil(span / h - 1e-9) as usize };
@@ -489,39 +540,37 @@ fn sampled<'a>(
     let mut angles: Vec<Vec<f64>> = channels.iter().map(|_| Vec::with_capacity(n_steps + 1)).collect();
     let mut speeds: Vec<Vec<f64>> = channels.iter().map(|_| Vec::new()).collect();
     let mut correction = observed.map(|observed| Correction::new(ready, observed));
-    // Nodes that one step of the present sample crosses.
-    let stride = std::cell::Cell::new(1);
+    let mut near_rest = sparse.then(|| NearRest::new(ready, task, h, smooth.iter().any(|s| *s)));
+    // Begin and length of the present step, as shares of the way between two nodes.
+    let share = std::cell::Cell::new((0.0, 1.0));
     for step in 0..=n_steps {
         let is_sample = step % parts == 0;
-        if step % stride.get() != 0 {
-            continue;
-        }
         let t = task.start_s + step as f64 * h;
         if let Some(correction) = correction.as_mut().filter(|_| is_sample) {
             correction.apply(ready, step / parts, step_s, &mut q, &mut v);
         }
         q_before.copy_from_slice(&q);
         let at_step = step.min(n_steps.saturating_sub(1));
-        let late = if step == n_steps && n_steps > 0 { 1.0 } else { 0.0 };
+        let is_end = step == n_steps && n_steps > 0;
+        let input_at = |k: usize, stage: f64| {
+            let series = if m.inputs[k].kind == InputKind::Angle { &slopes[k] } else { &inputs[k] };
+            let last = series.len().saturating_sub(1);
+            let a = series.get(at_step.min(last)).copied().unwrap_or(0.0);
+            let b = series.get((at_step + 1).min(last)).copied().unwrap_or(a);
+            let (begin, length) = share.get();
+            if smooth[k] {
+                a + (b - a) * if is_end { 1.0 + stage } else { begin + stage * length }
+            } else if is_end {
+                b
+            } else {
+                a
+            }
+        };
         let mut at = |stage: f64, q: &[f64], v: &mut [f64], force: &mut [f64]| {
-            let x = stage + late;
-            let input_at = |k: usize| {
-                let series = if m.inputs[k].kind == InputKind::Angle { &slopes[k] } else { &inputs[k] };
-                let last = series.len().saturating_sub(1);
-                let a = series.get(at_step.min(last)).copied().unwrap_or(0.0);
-                let b = series.get((at_step + stride.get()).min(last)).copied().unwrap_or(a);
-                if smooth[k] {
-                    a + (b - a) * x
-                } else if x > 1.0 {
-                    b
-                } else {
-                    a
-                }
-            };
             if prescribes {
                 for (k, input) in m.inputs.iter().enumerate() {
                     if let InputKind::Speed | InputKind::Angle = input.kind {
-                        v[input.body] = input_at(k);
+                        v[input.body] = input_at(k, stage);
                     }
                 }
             }
@@ -534,22 +583,31 @@ fn sampled<'a>(
             for (k, input) in m.inputs.iter().enumerate() {
                 if let InputKind::Force(gain) = input.kind {
                     let at = BodyAt { q: q[input.body], v: v[input.body] };
-                    force[input.body] += ready.input_force(k, ready.values[gain] * input_at(k), at);
+                    force[input.body] += ready.input_force(k, ready.values[gain] * input_at(k, stage), at);
                 }
             }
         };
-        if sparse && is_sample && step < n_steps {
-            stride.set(1);
+        share.set((0.0, 1.0));
+        let mut steps_here = 1;
+        if let Some(near_rest) = near_rest.as_mut().filter(|_| step < n_steps) {
             input_now.fill(0.0);
             at(0.0, &q, &mut v, &mut input_now);
-            let needed =
-                ready.steps_of_sample((&q, &v, &z), (t, step_s), &input_now, (&mut force_now, &mut work.springs));
-            // So many are exact; more are taken by the limit alone.
-            stride.set(parts / (libm::ceil(needed) as usize).next_power_of_two().clamp(1, parts));
+            let load = |k: usize| match m.inputs[k].kind {
+                InputKind::Force(gain) => ready.values[gain] * input_at(k, 0.0),
+                InputKind::Speed | InputKind::Angle => 0.0,
+            };
+            let forces = (force_now.as_mut_slice(), near_rest.rate.as_mut_slice(), &mut work.springs);
+            let needed = ready.steps_of_sample((&q, &v, &z), (t, h), (&input_now, load), near_rest.order, forces);
+            steps_here = near_rest.steps(needed, &v);
         }
-        rk4(ready, (&mut q, &mut v, &mut z), (t, h * stride.get() as f64), &mut work, &mut at);
-        if sparse && !is_sample {
-            continue;
+        if steps_here == 0 {
+            for i in 0..q.len() {
+                work.at_node[i] = force_now[i] + input_now[i];
+                work.v_at_node[i] = v[i];
+            }
+        } else {
+            share.set((0.0, 1.0 / steps_here as f64));
+            rk4(ready, (&mut q, &mut v, &mut z), (t, h / steps_here as f64), &mut work, &mut at);
         }
         // Sensors show the state before its correction.
         let moved = |b: usize| {
@@ -584,6 +642,17 @@ fn sampled<'a>(
                 speeds[c].push(work.v_at_node[body]);
             }
         }
+        for i in 1..steps_here {
+            let length = 1.0 / steps_here as f64;
+            share.set((i as f64 * length, length));
+            rk4(ready, (&mut q, &mut v, &mut z), (t + i as f64 * h * length, h * length), &mut work, &mut at);
+        }
+        if let Some(near_rest) = near_rest.as_mut().filter(|_| steps_here == 0) {
+            let way =
+                Way { free: &work.free, t_s: t, h, is_driven: near_rest.is_driven, tolerance: &near_rest.tolerance };
+            rosenbrock::advance(ready, (&mut q, &mut v), &way, &mut near_rest.buffers, &mut at)
+                .map_err(|steps| RunError::Stiff { steps: (steps * parts) as f64 })?;
+        }
         if !q.iter().chain(v.iter()).all(|x| x.is_finite() && x.abs() < 1e12) {
             return Err(RunError::Diverged { t_s: step as f64 * h });
         }
@@ -597,8 +666,6 @@ fn sampled<'a>(
             }
         }
     }
-    // A sparse run keeps its samples alone; no effect of a sensor or recorder then looks between them.
-    let (parts, h) = if sparse { (1, step_s) } else { (parts, h) };
     Ok(NodeReadings { channels, traces, angles, parts, h })
 }
 
