@@ -9,7 +9,7 @@ use super::diagnosis::standing_orders;
 use super::fit::{Fit, FitOptions, fit, parallel};
 use super::inverse;
 use super::judge;
-use super::model::{FIT_ITERATIONS, FittedModel, fit_model, score, with_shapes_beyond};
+use super::model::{FIT_ITERATIONS, FittedModel, fit_model, score, with_shapes_beyond, with_sharper_friction};
 use super::predict;
 use super::problem::{FitEnding, Global, Law, Local, Point, Problem};
 use super::screen::{LinearisedBase, ScreeningResult, screen};
@@ -433,6 +433,11 @@ fn first_models<'a>(
     set_step_limit(&mut declared.problem, &declared.fit.point);
     let mut prepared: Vec<FittedModel<'a>> = Vec::new();
     for (mut problem, start, effects) in sets {
+        // Where a smaller set leaves little more than noise, the rounds find what is missing beside it.
+        let is_found = prepared.iter().any(|m| m.effects.len() < effects.len() && m.is_near_the_floor());
+        if is_found {
+            continue;
+        }
         if context.must_end() {
             break;
         }
@@ -443,7 +448,7 @@ fn first_models<'a>(
             problem.max_steps = declared.problem.max_steps.max(needed).min(problem.max_steps);
         }
         let model = fit_model(problem, &start, own, effects, context.threads, FIT_ITERATIONS);
-        prepared.push(with_shapes_beyond(model, own));
+        prepared.push(with_sharper_friction(with_shapes_beyond(model, own), own));
     }
     (declared, prepared)
 }

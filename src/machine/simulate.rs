@@ -648,8 +648,14 @@ fn sampled<'a>(
             rk4(ready, (&mut q, &mut v, &mut z), (t + i as f64 * h * length, h * length), &mut work, &mut at);
         }
         if let Some(near_rest) = near_rest.as_mut().filter(|_| steps_here == 0) {
-            let way =
-                Way { free: &work.free, t_s: t, h, is_driven: near_rest.is_driven, tolerance: &near_rest.tolerance };
+            let way = Way {
+                free: &work.free,
+                t_s: t,
+                h,
+                is_driven: near_rest.is_driven,
+                is_uneven: near_rest.order.is_some(),
+                tolerance: &near_rest.tolerance,
+            };
             rosenbrock::advance(ready, (&mut q, &mut v), &way, &mut near_rest.buffers, &mut at)
                 .map_err(|steps| RunError::Stiff { steps: (steps * parts) as f64 })?;
         }
