@@ -127,17 +127,22 @@ const MAX_REALIGNMENTS: usize = 3;
 /// Iterations of the fit of a set of effects.
 pub const FIT_ITERATIONS: usize = 40;
 
-/// Deviance that a wider range of a shape must take off: two standard errors.
+/// Deviance that a wider range of a shape must take off: two standard errors; and how often it is made wider.
 const WORTH_WIDENING: f64 = 4.0;
+const MAX_WIDENINGS: usize = 4;
 
 /// The model with shapes that ended at the edge of their range fitted beyond it, if that is better. A start that does not come from the
 /// effect's own starting values may lie a decade off.
-pub fn with_shapes_beyond<'a>(model: FittedModel<'a>, own: &'a Data) -> FittedModel<'a> {
-    let Some((wider, start)) = with_wider_shapes(&model.problem, &model.fit.point, &model.effects) else {
-        return model;
-    };
-    let other = fit_model(wider, &start, own, model.effects.clone(), model.threads, FIT_ITERATIONS);
-    if other.misfit() < model.misfit() - WORTH_WIDENING { other } else { model }
+pub fn with_shapes_beyond<'a>(mut model: FittedModel<'a>, own: &'a Data) -> FittedModel<'a> {
+    for _ in 0..MAX_WIDENINGS {
+        let Some((wider, start)) = with_wider_shapes(&model.problem, &model.fit.point, &model.effects) else { break };
+        let other = fit_model(wider, &start, own, model.effects.clone(), model.threads, FIT_ITERATIONS);
+        if other.misfit() >= model.misfit() - WORTH_WIDENING {
+            break;
+        }
+        model = other;
+    }
+    model
 }
 
 /// The problem with new ranges round the shapes of effects that ended at the edge of theirs; None: none did.
@@ -178,19 +183,31 @@ pub fn with_sharper_friction<'a>(model: FittedModel<'a>, own: &'a Data) -> Fitte
         return model;
     }
     let (mut problem, mut start) = (model.problem.clone(), model.fit.point.clone());
-    let mut is_sharper = false;
+    let mut sharper = Vec::new();
     for (effect, row, g) in globals_by_row(&problem, &model.effects) {
         if row.kind == Kind::Shape && effect.kin.look == Some(Look::Friction) {
             let law = problem.globals[g].law;
             let value = law.value(start.globals[g]) / SHARPER;
             problem.globals[g].law = law_round(&problem, g, value);
             start.globals[g] = problem.globals[g].law.scaled(value);
-            is_sharper = true;
+            sharper.push((g, value));
         }
     }
-    if !is_sharper {
+    if sharper.is_empty() {
         return model;
     }
+    // The other numbers first: what they were fitted to is the wider kink.
+    let mut held = problem.clone();
+    for (g, value) in sharper.iter().rev() {
+        let global = held.globals.remove(*g);
+        held.fixed.push((global.record, global.slot, *value));
+    }
+    let is_held = |g: usize| sharper.iter().any(|(held, _)| *held == g);
+    let others: Vec<usize> = (0..start.globals.len()).filter(|g| !is_held(*g)).collect();
+    let point = Point { globals: others.iter().map(|g| start.globals[*g]).collect(), locals: start.locals };
+    let found = fit(&held, &point, FitOptions { iterations: FIT_ITERATIONS, threads: model.threads }).point;
+    others.iter().zip(&found.globals).for_each(|(g, x)| start.globals[*g] = *x);
+    start.locals = found.locals;
     let other = fit_model(problem, &start, own, model.effects.clone(), model.threads, FIT_ITERATIONS);
     if other.misfit() < model.misfit() - WORTH_WIDENING { with_shapes_beyond(other, own) } else { model }
 }
