@@ -323,6 +323,27 @@ struct Blocks {
     l: DVector<f64>,
 }
 
+impl Blocks {
+    /// Takes a local out of the step.
+    fn hold(&mut self, local: usize) {
+        self.ll.row_mut(local).fill(0.0);
+        self.ll.column_mut(local).fill(0.0);
+        self.lg.row_mut(local).fill(0.0);
+        (self.ll[(local, local)], self.l[local]) = (1.0, 0.0);
+    }
+}
+
+/// Whether a local stands at a bound and its gradient points outwards.
+fn leaves_range(local: &Local, x: f64, gradient: f64) -> bool {
+    match local {
+        Local::Slot { law, .. } => {
+            let (low, high) = law.bounds();
+            (x <= low && gradient > 0.0) || (x >= high && gradient < 0.0)
+        }
+        Local::Travel | Local::Angle { .. } | Local::Speed { .. } => false,
+    }
+}
+
 fn solve(
     problem: &Problem,
     point: &Point,
@@ -348,6 +369,11 @@ fn solve(
             }
             for (j, g) in concerned.iter().enumerate() {
                 block.lg[(i, *g)] = dot(&local[i], &global[j]);
+            }
+        }
+        for (i, local) in problem.locals.iter().enumerate() {
+            if leaves_range(local, point.locals[*k][i], block.l[i]) {
+                block.hold(i);
             }
         }
         for (i, gi) in concerned.iter().enumerate() {

@@ -94,7 +94,9 @@ fn share(best: &FittedModel, context: &Context) -> Option<f64> {
     }
     context.report("prediction: choosing how much is corrected");
     let fitted = |share: f64, from: &Point| {
-        let problem = Problem { correction: share, ..best.problem.clone() };
+        let mut problem = Problem { correction: share, ..best.problem.clone() };
+        // Errors are compared here, not numbers.
+        problem.machine.refinement = 1;
         let found = fit(&problem, from, FitOptions { iterations: ITERATIONS, threads: context.threads });
         (judge::mean_error(&judge::fitted_residuals(&problem, &found)), found.point)
     };

@@ -52,6 +52,8 @@ const MARGIN: f64 = 2.0;
 /// Shares of a decay time and of a wave that one step may cross: Runge-Kutta then errs by 3e-9 and 8e-9.
 const EXACT_DECAY: f64 = 0.05;
 const EXACT_WAVE: f64 = 0.01;
+/// Change of an inner state that counts as none.
+const STAYS: f64 = 1e-9;
 
 impl<'a> PreparedMachine<'a> {
     pub(super) fn new(m: &'a Machine, values: &'a [f64], max_steps: f64) -> PreparedMachine<'a> {
@@ -256,8 +258,8 @@ impl<'a> PreparedMachine<'a> {
         }
     }
 
-    /// Steps that the coming sample of a machine without springs needs, by the friction at the speeds that may come in it and by waves of
-    /// the highest order. So many that more would change no digit that a difference quotient of a fit sees. `input`: force of all inputs on
+    /// Steps that the coming sample of a machine without springs needs, by the friction at the speeds that may come in it, by inner states and
+    /// by waves of the highest order. So many that more would change no digit that a difference quotient of a fit sees. `input`: force of all inputs on
     /// each body; `load`: that of one input; `order`: the highest.
     pub(super) fn steps_of_sample(
         &self,
@@ -278,10 +280,19 @@ impl<'a> PreparedMachine<'a> {
             let slope = |v: f64| (at(v + d) - at(v - d)).abs() / (2.0 * d);
             rate[body] += slope(near).max(slope(v[body])).max(slope(highest(body))) / self.inertia[body];
         });
+        let mut states = 0.0_f64;
+        for ((body, law, p), z) in self.with_state.iter().zip(z) {
+            // A state that has come to its end stays there as long as the body moves on.
+            let stays = v[*body].abs() > reach(*body) && ((law.moved)(p, *z, v[*body] * step_s) - z).abs() < STAYS;
+            if !stays {
+                let swings = libm::sqrt((law.stiffness)(p) / self.inertia[*body]);
+                states = states.max(swings).max((law.fastest)(p, highest(*body)));
+            }
+        }
         let fastest = (0..v.len()).map(highest).fold(0.0, f64::max);
         let waves = order.map_or(0.0, |order| order * fastest / (2.0 * PI));
         let rate = rate.iter().copied().fold(0.0, f64::max);
-        (step_s * rate / EXACT_DECAY).max(step_s * waves / EXACT_WAVE).max(1.0)
+        (step_s * rate.max(states) / EXACT_DECAY).max(step_s * waves / EXACT_WAVE).max(1.0)
     }
 
     /// Highest angular frequency, and highest slope of a force over speed divided by inertia [rad/s, 1/s].

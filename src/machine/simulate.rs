@@ -125,7 +125,7 @@ pub fn steps_needed(m: &Machine, values: &[f64], task: &Task, start: &InitialSta
         Samples::Times { step_s, even, .. } => {
             let wanted = steps(&ready, *step_s, &top_speeds(m, task, start), &top_loads(&ready, task));
             // Implicit steps bear any friction.
-            if is_sparse(&ready, *even, &[], wanted) { LEAST_SPARSE } else { wanted }
+            if is_sparse(&ready, *even, &[], wanted) && !ready.has_states() { LEAST_SPARSE } else { wanted }
         }
         Samples::Pulses { interval_s, .. } => {
             let marks = m.sensors.iter().find_map(|s| match s.reads {
@@ -295,9 +295,8 @@ fn is_sparse(ready: &PreparedMachine, even: bool, channels: &[usize], wanted: f6
     // The force of a prescribed motion takes differences between nodes.
     let is_reaction = |c: &usize| matches!(m.sensors[*c].reads, Reads::Reaction(_));
     let moves = m.inputs.iter().any(|i| !matches!(i.kind, InputKind::Force(_)));
-    // With springs and bristles, the number of steps would change results in digits that the fit sees.
-    let has_waves = !m.springs.is_empty() || ready.has_states();
-    let is_plain = !has_waves && !moves && even && clock(m, ready.values) == 0.0;
+    // With springs, the number of steps would change results in digits that the fit sees.
+    let is_plain = m.springs.is_empty() && !moves && even && clock(m, ready.values) == 0.0;
     wanted >= LEAST_SPARSE && is_plain && !channels.iter().any(is_reaction)
 }
 
@@ -314,10 +313,12 @@ struct NearRest {
     order: Option<f64>,
     /// What each body's steps are found with.
     rate: Vec<f64>,
+    /// Most explicit steps, where there are no others: implicit ones know no inner states.
+    most: Option<usize>,
 }
 
 impl NearRest {
-    fn new(ready: &PreparedMachine, task: &Task, h: f64, is_smooth: bool) -> NearRest {
+    fn new(ready: &PreparedMachine, task: &Task, h: f64, is_smooth: bool, most: Option<usize>) -> NearRest {
         let mut highest = vec![1e-12_f64; ready.m.bodies.len()];
         // What the largest force gives in the time between two nodes.
         for (input, load) in ready.m.inputs.iter().zip(top_loads(ready, task)) {
@@ -331,6 +332,7 @@ impl NearRest {
             highest,
             refinement: ready.m.refinement as f64,
             order: ready.highest_order(),
+            most,
         }
     }
 
@@ -342,7 +344,11 @@ impl NearRest {
         }
         // Few numbers of steps, so that few changes of a machine's numbers change them.
         let steps = libm::ceil(self.refinement * needed);
-        if steps > MOST_EXPLICIT { 0 } else { (steps as usize).next_power_of_two() }
+        match self.most {
+            Some(most) => (steps as usize).min(most).next_power_of_two(),
+            None if steps > MOST_EXPLICIT => 0,
+            None => (steps as usize).next_power_of_two(),
+        }
     }
 }
 
@@ -509,7 +515,8 @@ fn sampled<'a>(
     let m = ready.m;
     let wanted = libm::ceil(steps(ready, step_s, &top_speeds(m, task, start), &top_loads(ready, task)));
     let sparse = is_sparse(ready, even, channels, wanted);
-    if !(wanted.is_finite() && (sparse || wanted <= ready.max_steps)) {
+    let bears_all = sparse && !ready.has_states();
+    if !(wanted.is_finite() && (bears_all || wanted <= ready.max_steps)) {
         return Err(RunError::Stiff { steps: wanted });
     }
     // Nodes between two samples, where inputs and sensors are looked at.
@@ -540,7 +547,8 @@ fn sampled<'a>(
     let mut angles: Vec<Vec<f64>> = channels.iter().map(|_| Vec::with_capacity(n_steps + 1)).collect();
     let mut speeds: Vec<Vec<f64>> = channels.iter().map(|_| Vec::new()).collect();
     let mut correction = observed.map(|observed| Correction::new(ready, observed));
-    let mut near_rest = sparse.then(|| NearRest::new(ready, task, h, smooth.iter().any(|s| *s)));
+    let most = (!bears_all).then_some(wanted as usize * m.refinement);
+    let mut near_rest = sparse.then(|| NearRest::new(ready, task, h, smooth.iter().any(|s| *s), most));
     // Begin and length of the present step, as shares of the way between two nodes.
     let share = std::cell::Cell::new((0.0, 1.0));
     for step in 0..=n_steps {
