@@ -538,6 +538,33 @@ fn effects_of_sensors_and_inputs_leave_the_steps_near_rest_as_they_are() {
     assert!(small.iter().zip(&large).all(|(a, b)| (a - b).abs() < 1e-3 * size), "{size}");
 }
 
+/// Without an input, a constant torque alone lets the disc creep, or slide from rest. A torque that is interpolated and falls from what just
+/// holds the disc to the other way within one sample turns it round.
+#[test]
+fn sharp_friction_needs_no_input_and_follows_one_that_changes_within_a_sample() {
+    let stick = 1e-5;
+    for torque in [0.05, 0.3] {
+        let m = disc(&format!(
+            "[loads.friction.disc]\ntorque_nm = 0.1\nstick_speed_rad_s = {stick}\n[loads.constant.disc]\ntorque_nm = {torque}\n"
+        ));
+        let (speed, _) = motion(&m, vec![0.0; 100], 0.0, 0.0);
+        let expected = |t: f64| if torque < 0.1 { stick * 0.5 / 0.75_f64.sqrt() } else { (torque - 0.1) / 0.01 * t };
+        // A constant load acts against the positive direction. The first moments slide on the rounded corner of the law.
+        assert!((1..100).all(|i| (-speed[i] - expected(i as f64 * 1e-3)).abs() < 2.0 * stick), "{torque}: {speed:?}");
+    }
+    let m = disc(&format!("[loads.friction.disc]\ntorque_nm = 0.1\nstick_speed_rad_s = {stick}\n"));
+    let samples = Samples::Times { t_s: vec![0.0, 1e-3, 2e-3], step_s: 1e-3, even: true };
+    // The gain is 0.5 N m per unit.
+    let task = Task { samples, inputs: vec![vec![0.2, -1.2, -1.2]], hold: false, start_s: 0.0 };
+    let start = InitialState { q: vec![0.0], v: vec![0.002], travel: 0.0 };
+    let by = |reads| m.sensors.iter().position(|s| s.reads == reads).expect("a sensor");
+    let out = run(&m, &m.values, &task, &start, &[by(Reads::Speed(0))], 1e4, None).expect("a run");
+    // Sliding on: 0.002 - 35000 t^2 until it stands; at rest until the torque is -0.1; then back, with friction the other way.
+    let turns = 0.2 / 0.7 * 1e-3;
+    let back = |t: f64| -0.5 * 0.7 / 1e-3 / 0.01 * (t - turns) * (t - turns);
+    assert!((out[0][1] - back(1e-3)).abs() < 5.0 * stick, "{} {}", out[0][1], back(1e-3));
+}
+
 /// A push far below the slip is answered by a spring of stiffness T / s; a fast disc loses T x - T s (1 - exp(-x / s)) over a way x.
 #[test]
 fn friction_that_bends_is_a_spring_at_first_and_then_slides() {

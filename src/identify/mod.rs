@@ -38,6 +38,7 @@ pub mod rivals;
 pub mod screen;
 pub mod search;
 mod settled;
+mod softened;
 #[doc(hidden)]
 pub mod stats;
 #[doc(hidden)]

@@ -137,7 +137,8 @@ pub fn with_shapes_beyond<'a>(mut model: FittedModel<'a>, own: &'a Data) -> Fitt
     for _ in 0..MAX_WIDENINGS {
         let Some((wider, start)) = with_wider_shapes(&model.problem, &model.fit.point, &model.effects) else { break };
         let other = fit_model(wider, &start, own, model.effects.clone(), model.threads, FIT_ITERATIONS);
-        if other.misfit() >= model.misfit() - WORTH_WIDENING {
+        let is_better = other.misfit() < model.misfit() - WORTH_WIDENING;
+        if !is_better {
             break;
         }
         model = other;
@@ -185,7 +186,8 @@ pub fn with_sharper_friction<'a>(model: FittedModel<'a>, own: &'a Data) -> Fitte
     let (mut problem, mut start) = (model.problem.clone(), model.fit.point.clone());
     let mut sharper = Vec::new();
     for (effect, row, g) in globals_by_row(&problem, &model.effects) {
-        if row.kind == Kind::Shape && effect.kin.look == Some(Look::Friction) {
+        let is_kink = row.key.starts_with("stick_speed") || row.key.starts_with("slip");
+        if row.kind == Kind::Shape && is_kink && effect.kin.look == Some(Look::Friction) {
             let law = problem.globals[g].law;
             let value = law.value(start.globals[g]) / SHARPER;
             problem.globals[g].law = law_round(&problem, g, value);

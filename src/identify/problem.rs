@@ -120,7 +120,7 @@ const DIFFERENCE: f64 = 1e-6;
 pub const FINE_PITCHES: f64 = 0.005;
 const FINEST_PITCHES: f64 = 0.1 * FINE_PITCHES;
 /// Residual of a sample that a model did not reach.
-const DIVERGED_RESIDUAL: f64 = 1e6;
+pub(super) const DIVERGED_RESIDUAL: f64 = 1e6;
 
 impl<'a> Problem<'a> {
     /// Start values of all free parameters: the drive's own.

@@ -8,7 +8,7 @@
 
 use super::candidates::Hypothesis;
 use super::fit::{Fit, orthonormal, project_out};
-use super::problem::{FINE_PITCHES, Local, Point, Problem};
+use super::problem::{DIVERGED_RESIDUAL, FINE_PITCHES, Local, Point, Problem};
 use crate::effects::Kind;
 use crate::units::within;
 use nalgebra::{DMatrix, DVector};
@@ -205,7 +205,10 @@ fn residual_change(
     let mut out = Vec::new();
     for (k, from) in &base.parts {
         let now = with.residuals(*k, &point.globals, &point.locals[*k]);
-        out.extend(now.iter().zip(&base.raw[*from..]).map(|(a, b)| a - b));
+        // A run that failed shows nothing of a small effect.
+        let failed = now.iter().all(|r| *r == DIVERGED_RESIDUAL);
+        let change = |(a, b): (&f64, &f64)| if failed { f64::NAN } else { a - b };
+        out.extend(now.iter().zip(&base.raw[*from..]).map(change));
     }
     out
 }

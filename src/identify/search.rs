@@ -14,13 +14,14 @@ use super::predict;
 use super::problem::{FitEnding, Global, Law, Local, Point, Problem};
 use super::screen::{LinearisedBase, ScreeningResult, screen};
 use super::settled;
+use super::softened::{apart, softened};
 use super::stats::{self, Random};
 use super::structure::{self, Detectable, IndistinguishablePair};
 use super::windows;
 use crate::drive::sensors::is_signal;
 use crate::effects::Physics;
 use crate::machine::Machine;
-use crate::machine::simulate::MAX_STEPS;
+use crate::machine::simulate::{MAX_STEPS, bears_sharp_friction};
 use crate::measurement::segments::{Data, RecordSegment};
 use crate::measurement::{CandidateSpec, FitScope, Measurement};
 use crate::units::within;
@@ -321,13 +322,22 @@ fn rounds<'a>(
                 break;
             }
             context.report(&format!("round {round}: screening hypotheses"));
+            let softer = softened(model, own, context);
+            let (explicit, others) = apart(&measurement.candidates);
+            let spec = if softer.is_some() { &others } else { &measurement.candidates };
             let screened_now = first.take().unwrap_or_else(|| {
                 let base = LinearisedBase::new(&model.problem, &model.fit);
-                screened_again(&measurement.candidates, model, &base, Some(&at_declared), context)
+                screened_again(spec, model, &base, Some(&at_declared), context)
             });
             let seen = &mut seen[usize::from(is_far(&declared.problem, &file, &model.fit.point))];
             let grown = extend_by_one_effect(screened_now, model, own, context, seen, &mut trials, &mut reasons);
             next.extend(grown);
+            if let Some(softer) = softer.filter(|_| !explicit.only.is_empty()) {
+                let base = LinearisedBase::new(&softer.problem, &softer.fit);
+                let screened_now = screened(&explicit, &softer, &base, context);
+                let grown = extend_by_one_effect(screened_now, &softer, own, context, seen, &mut trials, &mut reasons);
+                next.extend(grown);
+            }
         }
         if round == 1
             && let Some(near) = near_the_file(&declared, own, context)
@@ -433,8 +443,12 @@ fn first_models<'a>(
     set_step_limit(&mut declared.problem, &declared.fit.point);
     let mut prepared: Vec<FittedModel<'a>> = Vec::new();
     for (mut problem, start, effects) in sets {
-        // Where a smaller set leaves little more than noise, the rounds find what is missing beside it.
-        let is_found = prepared.iter().any(|m| m.effects.len() < effects.len() && m.is_near_the_floor());
+        // Where a part of the set leaves little more than noise, the rounds find what is missing beside it.
+        let is_part = |m: &FittedModel| {
+            let has = |own: &Hypothesis| effects.iter().any(|h| h.identity() == own.identity());
+            m.effects.len() < effects.len() && m.effects.iter().all(has)
+        };
+        let is_found = prepared.iter().any(|m| is_part(m) && m.is_near_the_floor());
         if is_found {
             continue;
         }
@@ -574,13 +588,13 @@ fn from_stretches<'a>(
 /// Limits of stiffness in steps per sample. At the first value a spring oscillates faster than the samples resolve, and
 /// a damper settles between two samples. Stiffer models are searched only up to this multiple of the steps that the
 /// file's parameters need.
-const MAX_STIFFNESS: f64 = 40.0;
+pub(super) const MAX_STIFFNESS: f64 = 40.0;
 const FILE_STIFFNESS_FACTOR: f64 = 16.0;
 /// An added effect may need this multiple of the steps of the fitted model.
 const ADDED_STIFFNESS_FACTOR: f64 = 4.0;
 
 /// Steps per sample that a run needs with these parameters, at least one; None: the step does not depend on them.
-fn steps_needed_at(problem: &Problem, point: &Point) -> Option<f64> {
+pub(super) fn steps_needed_at(problem: &Problem, point: &Point) -> Option<f64> {
     let of = |(k, s): (usize, &RecordSegment)| {
         let (values, start) = problem.numbers(k, &point.globals, &point.locals[k]);
         problem.machine.steps_needed(&values, &s.task, &start)
@@ -591,7 +605,16 @@ fn steps_needed_at(problem: &Problem, point: &Point) -> Option<f64> {
 /// Whether a fit is near the limit of steps per sample.
 pub fn is_at_step_limit(declared: &FittedModel) -> bool {
     let needed = steps_needed_at(&declared.problem, &declared.fit.point);
-    needed.is_some_and(|steps| steps > 0.9 * declared.problem.max_steps)
+    needed.is_some_and(|steps| steps > 0.9 * declared.problem.max_steps) && !bears_sharp_friction_everywhere(declared)
+}
+
+/// Whether all runs of a model take implicit steps near rest.
+pub(super) fn bears_sharp_friction_everywhere(model: &FittedModel) -> bool {
+    let (problem, at) = (&model.problem, &model.fit.point);
+    problem.data.segments.iter().enumerate().all(|(k, s)| {
+        let (values, _) = problem.numbers(k, &at.globals, &at.locals[k]);
+        bears_sharp_friction(&problem.machine, &values, &s.task)
+    })
 }
 
 /// Added effects may be stiffer than the declared model, but only up to a limit that keeps the search time acceptable.

@@ -259,18 +259,19 @@ impl<'a> PreparedMachine<'a> {
     }
 
     /// Steps that the coming sample of a machine without springs needs, by the friction at the speeds that may come in it, by inner states and
-    /// by waves of the highest order. So many that more would change no digit that a difference quotient of a fit sees. `input`: force of all inputs on
-    /// each body; `load`: that of one input; `order`: the highest.
+    /// by waves of the highest order: so many, or a share of one, that more would change no digit that a difference quotient of a fit sees.
+    /// `inputs`: force of all inputs on each body at the begin and the end; `load`: the larger one of one input; `order`: the highest.
     pub(super) fn steps_of_sample(
         &self,
         (q, v, z): (&[f64], &[f64], &[f64]),
         (t_s, step_s): (f64, f64),
-        (input, load): (&[f64], impl Fn(usize) -> f64),
+        (inputs, load): ([&[f64]; 2], impl Fn(usize) -> f64),
         order: Option<f64>,
         (force, rate, springs): (&mut [f64], &mut [f64], &mut SpringForces),
     ) -> f64 {
         self.forces_into((q, v, z), t_s, force, springs);
-        let reach = |i: usize| MARGIN * step_s * ((force[i] + input[i]) / self.inertia[i]).abs();
+        let most = |i: usize| inputs.iter().map(|input| (force[i] + input[i]).abs()).fold(0.0, f64::max);
+        let reach = |i: usize| MARGIN * step_s * most(i) / self.inertia[i];
         let highest = |i: usize| v[i].abs() + reach(i);
         rate.fill(0.0);
         self.each_law_of_speed(t_s, load, |body, law| {
@@ -292,7 +293,7 @@ impl<'a> PreparedMachine<'a> {
         let fastest = (0..v.len()).map(highest).fold(0.0, f64::max);
         let waves = order.map_or(0.0, |order| order * fastest / (2.0 * PI));
         let rate = rate.iter().copied().fold(0.0, f64::max);
-        (step_s * rate.max(states) / EXACT_DECAY).max(step_s * waves / EXACT_WAVE).max(1.0)
+        (step_s * rate.max(states) / EXACT_DECAY).max(step_s * waves / EXACT_WAVE)
     }
 
     /// Highest angular frequency, and highest slope of a force over speed divided by inertia [rad/s, 1/s].

@@ -181,7 +181,7 @@ fn one_step(
     }
     work.q.copy_from_slice(q);
     if way.is_driven {
-        work.evaluate(ready, way, done + step, &mut *at);
+        work.evaluate(ready, way, done + DRIFT_SHARE * step, &mut *at);
         work.drift.copy_from_slice(&work.rate);
         work.v.copy_from_slice(v);
     }
@@ -189,7 +189,7 @@ fn one_step(
     work.speed_now.copy_from_slice(&work.speed);
     work.rate_now.copy_from_slice(&work.rate);
     for i in 0..n {
-        work.drift[i] = if way.is_driven { (work.drift[i] - work.rate_now[i]) / h } else { 0.0 };
+        work.drift[i] = if way.is_driven { (work.drift[i] - work.rate_now[i]) / (DRIFT_SHARE * h) } else { 0.0 };
     }
     for stage in 0..STAGES {
         if stage > 0 {
@@ -219,12 +219,18 @@ fn one_step(
     for i in 0..n {
         work.q[i] += work.uq[last][i];
         work.v[i] = if way.free[i] { work.v[i] + work.uv[last][i] } else { v[i] };
+        // A prescribed motion is no result of the step.
+        if !way.free[i] {
+            continue;
+        }
         let off = work.uv[last][i].abs().max(work.uq[last][i].abs() / way.h) / way.tolerance[i];
         error = if off.is_finite() { error.max(off) } else { f64::INFINITY };
     }
     error
 }
 
+/// Share of a step over which forces are differenced in time.
+const DRIFT_SHARE: f64 = 1e-3;
 /// Distances of central differences: as a share of the speed, and of places that forces change with [rad].
 const SLOPE_SHARE: f64 = 1e-5;
 const PLACE_APART: f64 = 1e-6;

@@ -122,11 +122,7 @@ pub fn run(
 pub fn steps_needed(m: &Machine, values: &[f64], task: &Task, start: &InitialState) -> f64 {
     let ready = PreparedMachine::new(m, values, MAX_STEPS);
     match &task.samples {
-        Samples::Times { step_s, even, .. } => {
-            let wanted = steps(&ready, *step_s, &top_speeds(m, task, start), &top_loads(&ready, task));
-            // Implicit steps bear any friction.
-            if is_sparse(&ready, *even, &[], wanted) && !ready.has_states() { LEAST_SPARSE } else { wanted }
-        }
+        Samples::Times { step_s, .. } => steps(&ready, *step_s, &top_speeds(m, task, start), &top_loads(&ready, task)),
         Samples::Pulses { interval_s, .. } => {
             let marks = m.sensors.iter().find_map(|s| match s.reads {
                 Reads::Pulses { marks, .. } => Some(marks),
@@ -140,6 +136,13 @@ pub fn steps_needed(m: &Machine, values: &[f64], task: &Task, start: &InitialSta
             interval_s / pulses::step_s(&ready, start, *interval_s, marks.unwrap_or(1))
         }
     }
+}
+
+/// Whether runs of this task take implicit steps near rest, so that friction may be as sharp as it likes.
+pub fn bears_sharp_friction(m: &Machine, values: &[f64], task: &Task) -> bool {
+    let ready = PreparedMachine::new(m, values, MAX_STEPS);
+    let is_even = matches!(task.samples, Samples::Times { even: true, .. });
+    is_sparse(&ready, is_even, &[], f64::INFINITY) && !ready.has_states()
 }
 
 /// Largest speeds that are known before a run: initial speeds, and prescribed ones.
@@ -168,7 +171,7 @@ fn steps(ready: &PreparedMachine, step_s: f64, top: &[f64], loads: &[f64]) -> f6
     (step_s * omega / 0.2).max(step_s * rate / 2.0).max(10.0 * step_s * waves).max(1.0)
 }
 
-/// Sets prescribed speeds and input forces at a stage (0, 1/2, 1), for the given coordinates.
+/// Sets prescribed speeds and input forces at a share of the way (Runge and Kutta's stages: 0, 1/2, 1), for the given coordinates.
 pub(super) type Stage<'a> = &'a mut dyn FnMut(f64, &[f64], &mut [f64], &mut [f64]);
 
 /// One step of the classical scheme; `at` gives input forces and prescribed speeds at a stage (0, 1/2, 1).
@@ -288,17 +291,29 @@ impl Rk4Buffers {
 }
 
 /// Whether every sample takes the steps that it needs by itself: where friction is stiff near rest alone. Effects of inputs and sensors then
-/// act at the samples, as they do where one step crosses a sample. An effect that is added changes nothing else of a run, so that a small
-/// size of it shows.
+/// act at the samples, as they do where one step crosses a sample. Such an effect that is added changes nothing else of a run, so that a
+/// small size of it shows.
 fn is_sparse(ready: &PreparedMachine, even: bool, channels: &[usize], wanted: f64) -> bool {
     let m = ready.m;
-    // The force of a prescribed motion takes differences between nodes.
+    // The force at a prescribed motion takes differences between nodes.
     let is_reaction = |c: &usize| matches!(m.sensors[*c].reads, Reads::Reaction(_));
     let moves = m.inputs.iter().any(|i| !matches!(i.kind, InputKind::Force(_)));
     // With springs, the number of steps would change results in digits that the fit sees.
     let is_plain = m.springs.is_empty() && !moves && even && clock(m, ready.values) == 0.0;
     wanted >= LEAST_SPARSE && is_plain && !channels.iter().any(is_reaction)
 }
+
+/// Steps per sample from which samples take their own number.
+const LEAST_SPARSE: f64 = 2.0;
+/// Explicit steps between two nodes at most: more take longer than implicit ones.
+const MOST_EXPLICIT: f64 = 16.0;
+/// Implicit steps between two nodes at most, in the mean over a run, and those that a run has beside them.
+const MEAN_IMPLICIT: usize = 200;
+const SPARE_IMPLICIT: usize = 5000;
+/// The least speed that counts as high [rad/s, m/s].
+const LEAST_SPEED: f64 = 1e-9;
+/// Error of an implicit step over the highest speed: less than a difference quotient of a fit sees.
+const IMPLICIT_ERROR: f64 = 1e-8;
 
 /// How samples near rest are crossed.
 struct NearRest {
@@ -315,11 +330,13 @@ struct NearRest {
     rate: Vec<f64>,
     /// Most explicit steps, where there are no others: implicit ones know no inner states.
     most: Option<usize>,
+    /// Implicit steps so far.
+    taken: usize,
 }
 
 impl NearRest {
     fn new(ready: &PreparedMachine, task: &Task, h: f64, is_smooth: bool, most: Option<usize>) -> NearRest {
-        let mut highest = vec![1e-12_f64; ready.m.bodies.len()];
+        let mut highest = vec![LEAST_SPEED; ready.m.bodies.len()];
         // What the largest force gives in the time between two nodes.
         for (input, load) in ready.m.inputs.iter().zip(top_loads(ready, task)) {
             highest[input.body] = highest[input.body].max(h * load / ready.inertia[input.body]);
@@ -333,31 +350,66 @@ impl NearRest {
             refinement: ready.m.refinement as f64,
             order: ready.highest_order(),
             most,
+            taken: 0,
         }
     }
 
-    /// Explicit steps to the next node; 0: implicit ones.
-    fn steps(&mut self, needed: f64, v: &[f64]) -> usize {
-        for ((highest, tolerance), v) in self.highest.iter_mut().zip(&mut self.tolerance).zip(v) {
-            *highest = highest.max(v.abs());
-            *tolerance = IMPLICIT_ERROR / self.refinement * *highest;
+    /// Explicit steps to the next node; 0: implicit ones, or halves of halves. `reach`: what each body's speed may change by.
+    fn steps(&mut self, needed: f64, v: &[f64], reach: impl Fn(usize) -> f64) -> usize {
+        for (i, v) in v.iter().enumerate() {
+            self.highest[i] = self.highest[i].max(v.abs()).max(reach(i));
+            self.tolerance[i] = IMPLICIT_ERROR / self.refinement * self.highest[i];
         }
         // Few numbers of steps, so that few changes of a machine's numbers change them.
-        let steps = libm::ceil(self.refinement * needed);
-        match self.most {
-            Some(most) => (steps as usize).min(most).next_power_of_two(),
-            None if steps > MOST_EXPLICIT => 0,
-            None => (steps as usize).next_power_of_two(),
-        }
+        let steps = libm::ceil(self.refinement * needed).max(1.0);
+        let is_many = steps > if self.most.is_some() { 1.0 } else { MOST_EXPLICIT };
+        if is_many { 0 } else { (steps as usize).next_power_of_two() }
     }
 }
 
-/// Steps per sample from which samples take their own number.
-const LEAST_SPARSE: f64 = 2.0;
-/// Explicit steps between two nodes at most: more take longer than implicit ones.
-const MOST_EXPLICIT: f64 = 16.0;
-/// Error of an implicit step over the highest speed: less than a difference quotient of a fit sees.
-const IMPLICIT_ERROR: f64 = 1e-8;
+impl NearRest {
+    /// Crosses the way between two nodes in explicit steps: each is the longest half of a half that needs no other, or the shortest of all.
+    fn halve(
+        &mut self,
+        ready: &PreparedMachine,
+        (q, v, z): (&mut [f64], &mut [f64], &mut [f64]),
+        (t, h, share): (f64, f64, &std::cell::Cell<(f64, f64)>),
+        work: &mut Rk4Buffers,
+        (at, load): (Stage, &dyn Fn(usize) -> f64),
+    ) {
+        let whole = self.most.unwrap_or(1).next_power_of_two();
+        let (mut done, mut length) = (0, whole);
+        let [mut begin, mut end, mut force] = [(); 3].map(|()| vec![0.0; q.len()]);
+        while done < whole {
+            let now = t + h * done as f64 / whole as f64;
+            while done % length != 0 {
+                length /= 2;
+            }
+            loop {
+                let part = length as f64 / whole as f64;
+                share.set((done as f64 / whole as f64, part));
+                if length == 1 {
+                    break;
+                }
+                for (x, input) in [(0.0, &mut begin), (1.0, &mut end)] {
+                    input.fill(0.0);
+                    at(x, q, v, input);
+                }
+                let forces = (force.as_mut_slice(), self.rate.as_mut_slice(), &mut work.springs);
+                let inputs = ([begin.as_slice(), end.as_slice()], load);
+                let needed = ready.steps_of_sample((q, v, z), (now, h * part), inputs, self.order, forces);
+                if self.refinement * needed <= 1.0 {
+                    break;
+                }
+                length /= 2;
+            }
+            let part = length as f64 / whole as f64;
+            rk4(ready, (&mut *q, &mut *v, &mut *z), (now, h * part), work, &mut *at);
+            done += length;
+            length = (2 * length).min(whole);
+        }
+    }
+}
 
 /// Share by which a signal is made larger to see what the effects of its sensor let through, and what they let through at least.
 const SMALL_SHARE: f64 = 1e-3;
@@ -536,7 +588,7 @@ fn sampled<'a>(
     let (mut q, mut v, mut z) = (start.q.clone(), start.v.clone(), ready.states());
     let mut q_before = q.clone();
     let mut work = Rk4Buffers::new(m, z.len());
-    let (mut input_now, mut force_now) = (vec![0.0; q.len()], vec![0.0; q.len()]);
+    let [mut input_now, mut input_end, mut force_now] = [(); 3].map(|()| vec![0.0; q.len()]);
     let constant = |(i, b): (usize, &Body)| match b.motion {
         BodyMotion::Constant(slot) => Some((i, ready.values[slot])),
         BodyMotion::Free | BodyMotion::Measured(_) => None,
@@ -547,7 +599,7 @@ fn sampled<'a>(
     let mut angles: Vec<Vec<f64>> = channels.iter().map(|_| Vec::with_capacity(n_steps + 1)).collect();
     let mut speeds: Vec<Vec<f64>> = channels.iter().map(|_| Vec::new()).collect();
     let mut correction = observed.map(|observed| Correction::new(ready, observed));
-    let most = (!bears_all).then_some(wanted as usize * m.refinement);
+    let most = (!bears_all).then(|| wanted as usize);
     let mut near_rest = sparse.then(|| NearRest::new(ready, task, h, smooth.iter().any(|s| *s), most));
     // Begin and length of the present step, as shares of the way between two nodes.
     let share = std::cell::Cell::new((0.0, 1.0));
@@ -574,6 +626,13 @@ fn sampled<'a>(
                 a
             }
         };
+        let load = |k: usize| match m.inputs[k].kind {
+            InputKind::Force(gain) => {
+                let [begin, end] = [0.0, 1.0].map(|x| ready.values[gain] * input_at(k, x));
+                if end.abs() > begin.abs() { end } else { begin }
+            }
+            InputKind::Speed | InputKind::Angle => 0.0,
+        };
         let mut at = |stage: f64, q: &[f64], v: &mut [f64], force: &mut [f64]| {
             if prescribes {
                 for (k, input) in m.inputs.iter().enumerate() {
@@ -598,15 +657,15 @@ fn sampled<'a>(
         share.set((0.0, 1.0));
         let mut steps_here = 1;
         if let Some(near_rest) = near_rest.as_mut().filter(|_| step < n_steps) {
-            input_now.fill(0.0);
-            at(0.0, &q, &mut v, &mut input_now);
-            let load = |k: usize| match m.inputs[k].kind {
-                InputKind::Force(gain) => ready.values[gain] * input_at(k, 0.0),
-                InputKind::Speed | InputKind::Angle => 0.0,
-            };
+            for (x, input) in [(0.0, &mut input_now), (1.0, &mut input_end)] {
+                input.fill(0.0);
+                at(x, &q, &mut v, input);
+            }
             let forces = (force_now.as_mut_slice(), near_rest.rate.as_mut_slice(), &mut work.springs);
-            let needed = ready.steps_of_sample((&q, &v, &z), (t, h), (&input_now, load), near_rest.order, forces);
-            steps_here = near_rest.steps(needed, &v);
+            let inputs = ([input_now.as_slice(), input_end.as_slice()], &load);
+            let needed = ready.steps_of_sample((&q, &v, &z), (t, h), inputs, near_rest.order, forces);
+            let reach = |i: usize| h * (force_now[i] + input_now[i]).abs() / ready.inertia[i];
+            steps_here = near_rest.steps(needed, &v, reach);
         }
         if steps_here == 0 {
             for i in 0..q.len() {
@@ -656,16 +715,24 @@ fn sampled<'a>(
             rk4(ready, (&mut q, &mut v, &mut z), (t + i as f64 * h * length, h * length), &mut work, &mut at);
         }
         if let Some(near_rest) = near_rest.as_mut().filter(|_| steps_here == 0) {
-            let way = Way {
-                free: &work.free,
-                t_s: t,
-                h,
-                is_driven: near_rest.is_driven,
-                is_uneven: near_rest.order.is_some(),
-                tolerance: &near_rest.tolerance,
-            };
-            rosenbrock::advance(ready, (&mut q, &mut v), &way, &mut near_rest.buffers, &mut at)
-                .map_err(|steps| RunError::Stiff { steps: (steps * parts) as f64 })?;
+            if near_rest.most.is_some() {
+                near_rest.halve(ready, (&mut q, &mut v, &mut z), (t, h, &share), &mut work, (&mut at, &load));
+            } else {
+                let way = Way {
+                    free: &work.free,
+                    t_s: t,
+                    h,
+                    is_driven: near_rest.is_driven,
+                    is_uneven: near_rest.order.is_some(),
+                    tolerance: &near_rest.tolerance,
+                };
+                let stiff = |steps: usize| RunError::Stiff { steps: (steps * parts) as f64 };
+                near_rest.taken += rosenbrock::advance(ready, (&mut q, &mut v), &way, &mut near_rest.buffers, &mut at)
+                    .map_err(stiff)?;
+                if near_rest.taken > SPARE_IMPLICIT + MEAN_IMPLICIT * step {
+                    return Err(stiff(MEAN_IMPLICIT));
+                }
+            }
         }
         if !q.iter().chain(v.iter()).all(|x| x.is_finite() && x.abs() < 1e12) {
             return Err(RunError::Diverged { t_s: step as f64 * h });
