@@ -71,7 +71,7 @@ pub(super) struct RosenbrockBuffers {
 }
 
 /// What is advanced, and how exactly.
-pub(super) struct Way<'a> {
+pub(super) struct NodeWay<'a> {
     pub free: &'a [bool],
     /// Begin and length [s].
     pub t_s: f64,
@@ -94,7 +94,7 @@ impl RosenbrockBuffers {
     }
 
     /// Speeds and accelerations of all bodies at the state in `q` and `v`, a share `x` of the way on.
-    fn evaluate(&mut self, ready: &PreparedMachine, way: &Way, x: f64, at: Stage) {
+    fn evaluate(&mut self, ready: &PreparedMachine, way: &NodeWay, x: f64, at: Stage) {
         self.input.fill(0.0);
         at(x, &self.q, &mut self.v, &mut self.input);
         ready.forces_into((&self.q, &self.v, &[]), way.t_s + x * way.h, &mut self.force, &mut self.springs);
@@ -110,7 +110,7 @@ impl RosenbrockBuffers {
 pub(super) fn advance(
     ready: &PreparedMachine,
     (q, v): (&mut [f64], &mut [f64]),
-    way: &Way,
+    way: &NodeWay,
     work: &mut RosenbrockBuffers,
     at: Stage,
 ) -> Result<usize, usize> {
@@ -146,7 +146,7 @@ pub(super) fn advance(
 fn one_step(
     ready: &PreparedMachine,
     (q, v): (&[f64], &[f64]),
-    way: &Way,
+    way: &NodeWay,
     (done, step): (f64, f64),
     work: &mut RosenbrockBuffers,
     at: Stage,
@@ -267,7 +267,7 @@ phase_deg = 20.0
         let mut work = RosenbrockBuffers::default();
         work.resize(1);
         let (mut q, mut v) = ([0.3], [-1.0]);
-        let way = Way { free: &[true], t_s: 0.0, h, is_driven: true, is_uneven: true, tolerance: &[1e-8] };
+        let way = NodeWay { free: &[true], t_s: 0.0, h, is_driven: true, is_uneven: true, tolerance: &[1e-8] };
         let mut at = |x: f64, _: &[f64], _: &mut [f64], force: &mut [f64]| force[0] += 0.1 + 0.9 * x;
         for i in 0..steps {
             one_step(&ready, (&q, &v), &way, (i as f64 / steps as f64, 1.0 / steps as f64), &mut work, &mut at);
@@ -297,7 +297,8 @@ phase_deg = 20.0
             m.values[stick] = stick_speed;
             let ready = PreparedMachine::new(&m, &m.values, MAX_STEPS);
             let (mut q, mut v) = ([0.0], [0.0]);
-            let way = Way { free: &[true], t_s: 0.0, h: 0.01, is_driven: false, is_uneven: false, tolerance: &[1e-8] };
+            let way =
+                NodeWay { free: &[true], t_s: 0.0, h: 0.01, is_driven: false, is_uneven: false, tolerance: &[1e-8] };
             let mut at = |_: f64, _: &[f64], _: &mut [f64], force: &mut [f64]| force[0] += 0.3;
             let mut work = RosenbrockBuffers::default();
             let first = advance(&ready, (&mut q, &mut v), &way, &mut work, &mut at).expect("it ends");

@@ -6,7 +6,7 @@
 
 use super::forces::{PreparedMachine, SpringForces};
 use super::pulses::{self, pulses};
-use super::rosenbrock::{self, RosenbrockBuffers, Way};
+use super::rosenbrock::{self, NodeWay, RosenbrockBuffers};
 use super::{Body, BodyMotion, Input, InputKind, Machine, PlacedEffect, Reads, Target};
 use crate::effects::{BodyAt, Physics, Trace};
 use std::f64::consts::PI;
@@ -599,7 +599,7 @@ fn sampled<'a>(
     let mut angles: Vec<Vec<f64>> = channels.iter().map(|_| Vec::with_capacity(n_steps + 1)).collect();
     let mut speeds: Vec<Vec<f64>> = channels.iter().map(|_| Vec::new()).collect();
     let mut correction = observed.map(|observed| Correction::new(ready, observed));
-    let most = (!bears_all).then(|| wanted as usize);
+    let most = (!bears_all).then_some(wanted as usize);
     let mut near_rest = sparse.then(|| NearRest::new(ready, task, h, smooth.iter().any(|s| *s), most));
     // Begin and length of the present step, as shares of the way between two nodes.
     let share = std::cell::Cell::new((0.0, 1.0));
@@ -718,7 +718,7 @@ fn sampled<'a>(
             if near_rest.most.is_some() {
                 near_rest.halve(ready, (&mut q, &mut v, &mut z), (t, h, &share), &mut work, (&mut at, &load));
             } else {
-                let way = Way {
+                let way = NodeWay {
                     free: &work.free,
                     t_s: t,
                     h,
