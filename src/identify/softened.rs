@@ -17,10 +17,11 @@ fn needs_explicit_steps(effect: &Effect) -> bool {
     matches!(effect.physics, Physics::SecondBody { .. } | Physics::StateForce(_) | Physics::Clock(_))
 }
 
-/// The model fitted with softer friction. None where its friction is soft, or not free.
+/// The model fitted with softer friction. None where its friction is soft, or not free, or where only noise is left to explain.
 pub(super) fn softened<'a>(model: &FittedModel<'a>, own: &'a Data, context: &Context<'_>) -> Option<FittedModel<'a>> {
     let needed = steps_needed_at(&model.problem, &model.fit.point)?;
-    if needed <= MAX_STIFFNESS || !bears_sharp_friction_everywhere(model) || context.must_end() {
+    let is_sharp = needed > MAX_STIFFNESS && bears_sharp_friction_everywhere(model);
+    if !is_sharp || model.is_noise_alone() || context.must_end() {
         return None;
     }
     let (mut problem, mut start) = (model.problem.clone(), model.fit.point.clone());
