@@ -14,6 +14,7 @@ mod forces;
 mod linked;
 mod links;
 mod lumped;
+mod near_rest;
 mod period;
 mod place;
 mod pulses;

@@ -15,7 +15,7 @@ const GAMMA: f64 = 0.25;
 /// Moments of the stages as shares of the step, and factors of the slope over time.
 const ALPHA: [f64; STAGES] = [0.0, 0.386, 0.21, 0.63, 1.0, 1.0];
 const GAMMAS: [f64; STAGES] = [0.25, -0.1043, 0.1035, -0.036_200_000_000_000_23, 0.0, 0.0];
-/// What of the earlier stages enters the state of a stage. The last two are y_1 before its last one and two terms.
+/// Weights a_ij: the state of stage i is y + sum a_ij u_j over the earlier stages j. That of the last stage plus u_6 is y_1.
 const A: [&[f64]; STAGES] = [
     &[],
     &[1.544],
@@ -24,7 +24,7 @@ const A: [&[f64]; STAGES] = [
     &[1.221_224_509_226_641, 6.019_134_481_288_629, 12.537_083_329_320_87, -0.687_886_036_105_895],
     &[1.221_224_509_226_641, 6.019_134_481_288_629, 12.537_083_329_320_87, -0.687_886_036_105_895, 1.0],
 ];
-/// What of them enters its right-hand side, over the step.
+/// Weights c_ij: the right-hand side of stage i holds sum c_ij u_j / h over the earlier stages j.
 const C: [&[f64]; STAGES] = [
     &[],
     &[-5.6688],

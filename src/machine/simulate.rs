@@ -5,8 +5,8 @@
 //! stiff, every sample takes the steps that it needs by itself, or implicit ones ([`super::rosenbrock`]).
 
 use super::forces::{PreparedMachine, SpringForces};
+use super::near_rest::NearRest;
 use super::pulses::{self, pulses};
-use super::rosenbrock::{self, NodeWay, RosenbrockBuffers};
 use super::{Body, BodyMotion, Input, InputKind, Machine, PlacedEffect, Reads, Target};
 use crate::effects::{BodyAt, Physics, Trace};
 use std::f64::consts::PI;
@@ -155,7 +155,7 @@ fn top_speeds(m: &Machine, task: &Task, start: &InitialState) -> Vec<f64> {
 }
 
 /// Largest force of each input [N, N m].
-fn top_loads(ready: &PreparedMachine, task: &Task) -> Vec<f64> {
+pub(super) fn top_loads(ready: &PreparedMachine, task: &Task) -> Vec<f64> {
     let of = |(input, series): (&Input, &Vec<f64>)| match input.kind {
         InputKind::Force(gain) => series.iter().fold(0.0_f64, |most, u| most.max((ready.values[gain] * u).abs())),
         InputKind::Speed | InputKind::Angle => 0.0,
@@ -262,12 +262,12 @@ fn rk4_body(
 }
 
 pub(super) struct Rk4Buffers {
-    free: Vec<bool>,
+    pub(super) free: Vec<bool>,
     /// What a stage works with where bodies are many.
     stage: [Vec<f64>; 6],
     /// Inner states at a stage.
     z: Vec<f64>,
-    springs: SpringForces,
+    pub(super) springs: SpringForces,
     /// At the start of the step: force on each body, tension of each spring, speed.
     at_node: Vec<f64>,
     tension_at_node: Vec<f64>,
@@ -305,112 +305,6 @@ fn is_sparse(ready: &PreparedMachine, even: bool, channels: &[usize], wanted: f6
 
 /// Steps per sample from which samples take their own number.
 const LEAST_SPARSE: f64 = 2.0;
-/// Explicit steps between two nodes at most: more take longer than implicit ones.
-const MOST_EXPLICIT: f64 = 16.0;
-/// Implicit steps between two nodes at most, in the mean over a run, and those that a run has beside them.
-const MEAN_IMPLICIT: usize = 200;
-const SPARE_IMPLICIT: usize = 5000;
-/// The least speed that counts as high [rad/s, m/s].
-const LEAST_SPEED: f64 = 1e-9;
-/// Error of an implicit step over the highest speed: less than a difference quotient of a fit sees.
-const IMPLICIT_ERROR: f64 = 1e-8;
-
-/// How samples near rest are crossed.
-struct NearRest {
-    buffers: RosenbrockBuffers,
-    /// Whether forces change between two nodes.
-    is_driven: bool,
-    /// Speed that counts as high for each body, and the error of a step that it allows.
-    highest: Vec<f64>,
-    tolerance: Vec<f64>,
-    refinement: f64,
-    /// Highest order of a wave.
-    order: Option<f64>,
-    /// What each body's steps are found with.
-    rate: Vec<f64>,
-    /// Most explicit steps, where there are no others: implicit ones know no inner states.
-    most: Option<usize>,
-    /// Implicit steps so far.
-    taken: usize,
-}
-
-impl NearRest {
-    fn new(ready: &PreparedMachine, task: &Task, h: f64, is_smooth: bool, most: Option<usize>) -> NearRest {
-        let mut highest = vec![LEAST_SPEED; ready.m.bodies.len()];
-        // What the largest force gives in the time between two nodes.
-        for (input, load) in ready.m.inputs.iter().zip(top_loads(ready, task)) {
-            highest[input.body] = highest[input.body].max(h * load / ready.inertia[input.body]);
-        }
-        NearRest {
-            buffers: RosenbrockBuffers::default(),
-            is_driven: is_smooth || ready.has_timed_forces(),
-            tolerance: vec![0.0; highest.len()],
-            rate: vec![0.0; highest.len()],
-            highest,
-            refinement: ready.m.refinement as f64,
-            order: ready.highest_order(),
-            most,
-            taken: 0,
-        }
-    }
-
-    /// Explicit steps to the next node; 0: implicit ones, or halves of halves. `reach`: what each body's speed may change by.
-    fn steps(&mut self, needed: f64, v: &[f64], reach: impl Fn(usize) -> f64) -> usize {
-        for (i, v) in v.iter().enumerate() {
-            self.highest[i] = self.highest[i].max(v.abs()).max(reach(i));
-            self.tolerance[i] = IMPLICIT_ERROR / self.refinement * self.highest[i];
-        }
-        // Few numbers of steps, so that few changes of a machine's numbers change them.
-        let steps = libm::ceil(self.refinement * needed).max(1.0);
-        let is_many = steps > if self.most.is_some() { 1.0 } else { MOST_EXPLICIT };
-        if is_many { 0 } else { (steps as usize).next_power_of_two() }
-    }
-}
-
-impl NearRest {
-    /// Crosses the way between two nodes in explicit steps: each is the longest half of a half that needs no other, or the shortest of all.
-    fn halve(
-        &mut self,
-        ready: &PreparedMachine,
-        (q, v, z): (&mut [f64], &mut [f64], &mut [f64]),
-        (t, h, share): (f64, f64, &std::cell::Cell<(f64, f64)>),
-        work: &mut Rk4Buffers,
-        (at, load): (Stage, &dyn Fn(usize) -> f64),
-    ) {
-        let whole = self.most.unwrap_or(1).next_power_of_two();
-        let (mut done, mut length) = (0, whole);
-        let [mut begin, mut end, mut force] = [(); 3].map(|()| vec![0.0; q.len()]);
-        while done < whole {
-            let now = t + h * done as f64 / whole as f64;
-            while done % length != 0 {
-                length /= 2;
-            }
-            loop {
-                let part = length as f64 / whole as f64;
-                share.set((done as f64 / whole as f64, part));
-                if length == 1 {
-                    break;
-                }
-                for (x, input) in [(0.0, &mut begin), (1.0, &mut end)] {
-                    input.fill(0.0);
-                    at(x, q, v, input);
-                }
-                let forces = (force.as_mut_slice(), self.rate.as_mut_slice(), &mut work.springs);
-                let inputs = ([begin.as_slice(), end.as_slice()], load);
-                let needed = ready.steps_of_sample((q, v, z), (now, h * part), inputs, self.order, forces);
-                if self.refinement * needed <= 1.0 {
-                    break;
-                }
-                length /= 2;
-            }
-            let part = length as f64 / whole as f64;
-            rk4(ready, (&mut *q, &mut *v, &mut *z), (now, h * part), work, &mut *at);
-            done += length;
-            length = (2 * length).min(whole);
-        }
-    }
-}
-
 /// Share by which a signal is made larger to see what the effects of its sensor let through, and what they let through at least.
 const SMALL_SHARE: f64 = 1e-3;
 const LEAST_SLOPE: f64 = 0.05;
@@ -715,24 +609,10 @@ fn sampled<'a>(
             rk4(ready, (&mut q, &mut v, &mut z), (t + i as f64 * h * length, h * length), &mut work, &mut at);
         }
         if let Some(near_rest) = near_rest.as_mut().filter(|_| steps_here == 0) {
-            if near_rest.most.is_some() {
-                near_rest.halve(ready, (&mut q, &mut v, &mut z), (t, h, &share), &mut work, (&mut at, &load));
-            } else {
-                let way = NodeWay {
-                    free: &work.free,
-                    t_s: t,
-                    h,
-                    is_driven: near_rest.is_driven,
-                    is_uneven: near_rest.order.is_some(),
-                    tolerance: &near_rest.tolerance,
-                };
-                let stiff = |steps: usize| RunError::Stiff { steps: (steps * parts) as f64 };
-                near_rest.taken += rosenbrock::advance(ready, (&mut q, &mut v), &way, &mut near_rest.buffers, &mut at)
-                    .map_err(stiff)?;
-                if near_rest.taken > SPARE_IMPLICIT + MEAN_IMPLICIT * step {
-                    return Err(stiff(MEAN_IMPLICIT));
-                }
-            }
+            let state = (q.as_mut_slice(), v.as_mut_slice(), z.as_mut_slice());
+            near_rest
+                .cross(ready, state, (t, h, &share), &mut work, (&mut at, &load), step)
+                .map_err(|steps| RunError::Stiff { steps: (steps * parts) as f64 })?;
         }
         if !q.iter().chain(v.iter()).all(|x| x.is_finite() && x.abs() < 1e12) {
             return Err(RunError::Diverged { t_s: step as f64 * h });
