@@ -82,7 +82,7 @@ fn is_possible(m: &Machine, data: &Data) -> bool {
 fn forces_on(m: &Machine, body: usize) -> impl Iterator<Item = (usize, usize)> {
     m.inputs.iter().enumerate().filter_map(move |(k, i)| match i.kind {
         InputKind::Force(gain) if i.body == body => Some((k, gain)),
-        InputKind::Force(_) | InputKind::Speed | InputKind::Angle => None,
+        InputKind::Force(_) | InputKind::Speed | InputKind::Angle | InputKind::Acceleration => None,
     })
 }
 
@@ -104,12 +104,10 @@ fn inverse_records(m: &Machine, data: &Data, half: usize) -> Option<InverseRecor
         let Body { name, slides, .. } = m.bodies[t.body].clone();
         let unit = if slides { "N" } else { "N m" };
         machine.bodies[t.body].motion = BodyMotion::Measured(machine.inputs.len());
-        machine.inputs.push(Input {
-            name: name.clone(),
-            path: format!("inputs.speed.{name}"),
-            body: t.body,
-            kind: InputKind::Speed,
-        });
+        for (kind, what) in [(InputKind::Speed, "speed"), (InputKind::Acceleration, "acceleration")] {
+            let path = format!("inputs.{what}.{name}");
+            machine.inputs.push(Input { name: name.clone(), path, body: t.body, kind });
+        }
         let path = format!("force that the motion of {name} lacks");
         channels.push(MeasuredChannel {
             name: path.clone(),
@@ -177,15 +175,16 @@ fn turned_segment(
     let on_grid = |series: &[f64]| if *even { series.to_vec() } else { interpolated(series, t_s, h) };
     let every = ((2 * half + 1) / 4).max(1);
     let taken = |series: &[f64]| -> Vec<f64> { series.iter().step_by(every).copied().collect() };
-    // Series begin one sample later than the record, as central differences do.
+    // Series begin one sample later than the record and end one earlier, as central differences do.
     let smooth = |series: &[f64]| smoothed(&series[1..series.len() - 1], half);
     let mut inputs = Vec::new();
     for (input, series) in m.inputs.iter().zip(&s.task.inputs) {
-        let mut own = on_grid(series);
-        if s.task.hold && matches!(input.kind, InputKind::Force(_)) {
-            // A value that holds until the next sample acts half of the time on either side of it.
-            own = (0..own.len()).map(|i| 0.5 * (own[i.saturating_sub(1)] + own[i])).collect();
-        }
+        let own = on_grid(series);
+        let own = match (input.kind, turned.iter().find(|t| t.body == input.body)) {
+            (InputKind::Force(_), Some(t)) => force_about(&own, s.task.hold, t.is_speed),
+            (InputKind::Force(_), None) => force_about(&own, s.task.hold, true),
+            (InputKind::Speed | InputKind::Angle | InputKind::Acceleration, _) => own,
+        };
         inputs.push(taken(&smooth(&own)));
     }
     let mut measured: Vec<Vec<f64>> = kept.iter().map(|c| taken(&smooth(&on_grid(&s.measured[*c])))).collect();
@@ -193,11 +192,9 @@ fn turned_segment(
     for t in turned {
         let gain = m.values[m.sensors[data.channels[t.channel].sensor].gain];
         let own: Vec<f64> = on_grid(&without_gaps(&s.measured[t.channel])?).iter().map(|x| x / gain).collect();
-        let speed = match t.is_speed {
-            true => own.clone(),
-            false => (0..n).map(|i| (own[(i + 1).min(n - 1)] - own[i.saturating_sub(1)]) / (2.0 * h)).collect(),
-        };
+        let speed = if t.is_speed { own.clone() } else { slope(&own, h) };
         let v = smooth(&speed);
+        let a = taken(&smooth(&acceleration(&own, t.is_speed, h)));
         if t.is_speed {
             start.q[t.body] = s.start.q[t.body] + h * speed[..margin].iter().sum::<f64>();
         } else {
@@ -208,6 +205,7 @@ fn turned_segment(
         let v = taken(&v);
         measured.push(v.iter().map(|v| if v.abs() < AT_REST * highest { f64::NAN } else { 0.0 }).collect());
         inputs.push(v);
+        inputs.push(a);
     }
     let left = measured.first().map_or(0, Vec::len);
     let fits = (0..left).filter(|i| margin + i * every < s.judge_from).count();
@@ -226,6 +224,33 @@ fn turned_segment(
         at_rest: false,
         ..s.clone()
     })
+}
+
+/// A value of each sample and its two neighbours; 0 at the ends.
+fn of_neighbours(series: &[f64], of: impl Fn(&[f64]) -> f64) -> Vec<f64> {
+    let mut all = vec![0.0];
+    all.extend(series.windows(3).map(of));
+    all.push(0.0);
+    all
+}
+
+fn slope(series: &[f64], h: f64) -> Vec<f64> {
+    of_neighbours(series, |w| (w[2] - w[0]) / (2.0 * h))
+}
+
+/// Mean acceleration about each sample: over the steps on either side of it from speeds, weighted by a hat over them from angles.
+fn acceleration(series: &[f64], is_speed: bool, h: f64) -> Vec<f64> {
+    if is_speed { slope(series, h) } else { of_neighbours(series, |w| (w[0] - 2.0 * w[1] + w[2]) / (h * h)) }
+}
+
+/// The same mean of a force: one that holds from each sample to the next, or one on straight lines between them.
+fn force_about(series: &[f64], hold: bool, is_speed: bool) -> Vec<f64> {
+    let weights = match (hold, is_speed) {
+        (true, _) => [0.5, 0.5, 0.0],
+        (false, true) => [0.25, 0.5, 0.25],
+        (false, false) => [1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0],
+    };
+    of_neighbours(series, |w| w.iter().zip(weights).map(|(u, weight)| weight * u).sum())
 }
 
 /// A series of uneven times on an even grid of the same length, on straight lines.
@@ -278,11 +303,9 @@ fn noise_left(own: f64, inertia: f64, motion: (f64, bool), half: usize, step_s: 
     let middle = pulse.len() / 2;
     pulse[middle] = 1.0;
     let kernel = smoothed(&pulse, half);
-    let slope = |series: &[f64]| -> Vec<f64> { series.windows(3).map(|w| (w[2] - w[0]) / (2.0 * step_s)).collect() };
     let size = |series: &[f64]| libm::sqrt(series.iter().map(|x| x * x).sum::<f64>());
     let (noise, is_speed) = motion;
-    let once = slope(&kernel);
-    let of_inertia = inertia * noise * size(&if is_speed { once } else { slope(&once) });
+    let of_inertia = inertia * noise * size(&acceleration(&kernel, is_speed, step_s));
     libm::sqrt((own * size(&kernel)).powi(2) + of_inertia * of_inertia)
 }
 
@@ -532,17 +555,45 @@ fn forward_start<'a>(forward: &Problem<'a>, model: &FittedModel) -> (Problem<'a>
 
 #[cfg(test)]
 mod tests {
-    use super::{interpolated, noise_left, smoothed, without_gaps};
+    use super::{acceleration, force_about, interpolated, noise_left, smoothed, without_gaps};
 
-    /// Closed forms: a difference over two steps, that of a difference, and three averages over three samples (1 3 6 7 6 3 1) / 27.
+    /// Closed forms: a difference over two steps, a second difference, and three averages over three samples (1 3 6 7 6 3 1) / 27.
     #[test]
     fn noise_of_forces_is_that_of_their_differences() {
         let h = 0.01;
         let close = |a: f64, b: f64| assert!((a / b - 1.0).abs() < 1e-12, "{a} {b}");
         close(noise_left(0.3, 0.0, (1.0, true), 0, h), 0.3);
         close(noise_left(0.0, 2.0, (0.1, true), 0, h), 2.0 * 0.1 * 2.0_f64.sqrt() / (2.0 * h));
-        close(noise_left(0.0, 2.0, (0.1, false), 0, h), 2.0 * 0.1 * 6.0_f64.sqrt() / (4.0 * h * h));
+        close(noise_left(0.0, 2.0, (0.1, false), 0, h), 2.0 * 0.1 * 6.0_f64.sqrt() / (h * h));
         close(noise_left(0.3, 0.0, (1.0, true), 1, h), 0.3 * 141.0_f64.sqrt() / 27.0);
+    }
+
+    /// A force of one value a step moves a body by its sums; what is left of J a - u, about each sample, is rounding, from speeds and from angles.
+    #[test]
+    fn a_force_that_holds_is_found_from_its_motion_without_error() {
+        let (h, inertia) = (0.01, 3.0);
+        let force: Vec<f64> = (0..60).map(|i| f64::from(i * i * 7 % 31) - 15.0).collect();
+        let (mut q, mut v) = (vec![0.2], vec![1.0]);
+        for (i, u) in force.iter().enumerate() {
+            q.push(q[i] + h * v[i] + 0.5 * h * h * u / inertia);
+            v.push(v[i] + h * u / inertia);
+        }
+        for (motion, is_speed) in [(&v[..60], true), (&q[..60], false)] {
+            let about = force_about(&force, true, is_speed);
+            let left =
+                acceleration(motion, is_speed, h).iter().zip(&about).map(|(a, u)| inertia * a - u).collect::<Vec<_>>();
+            assert!(left[1..59].iter().all(|x| x.abs() < 1e-7), "{left:?}");
+        }
+    }
+
+    /// The triangle of one sample has half of its height as mean over two steps, and two thirds of it under a hat; a ramp keeps its values.
+    #[test]
+    fn forces_on_straight_lines_have_the_means_of_their_integrals() {
+        let bent = [0.0, 1.0, 0.0];
+        assert_eq!(force_about(&bent, false, true)[1], 0.5);
+        assert!((force_about(&bent, false, false)[1] - 2.0 / 3.0).abs() < 1e-15);
+        let ramp = [1.0, 2.0, 3.0];
+        assert!([true, false].iter().all(|speed| (force_about(&ramp, false, *speed)[1] - 2.0).abs() < 1e-15));
     }
 
     /// Straight lines stay what they are, at their place.

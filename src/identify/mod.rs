@@ -49,6 +49,7 @@ pub mod text;
 #[doc(hidden)]
 pub mod unnamed;
 pub mod updated;
+mod waves;
 #[doc(hidden)]
 pub mod windows;
 

@@ -460,7 +460,7 @@ fn is_small(best: &FittedModel, unmeasured: &[UnmeasuredForce]) -> bool {
                         problem.data.segments.iter().filter_map(|s| s.task.inputs.get(k).cloned()).collect();
                     Some(problem.machine.values[gain].abs() * stats::rms(&series))
                 }
-                InputKind::Speed | InputKind::Angle => None,
+                InputKind::Speed | InputKind::Angle | InputKind::Acceleration => None,
             });
             force.size <= SMALL_FORCE * inputs.fold(sizes.force(b), f64::max)
         })

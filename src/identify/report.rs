@@ -14,8 +14,9 @@ use super::search::{DEFAULT_SPREAD, Trial};
 use super::steady::{self, Size};
 use super::structure::{self, Collision, Detectable, IndistinguishablePair};
 use super::unnamed::Unnamed;
+use super::waves::{self, WaveNumber};
 use super::{candidates::Hypothesis, stats};
-use crate::effects::Kind;
+use crate::effects::{Effect, Kind};
 use crate::measurement::Measurement;
 use crate::measurement::facts::{Clock, Facts};
 use crate::measurement::segments::Data;
@@ -407,6 +408,18 @@ fn floors(best: &FittedModel, data: &Data) -> Vec<Floor> {
         .collect()
 }
 
+/// Amplitudes and phases in the form that tables give them.
+fn to_usual_form(effect: &Effect, parameters: &mut [FittedNumber]) {
+    let of = |n: &FittedNumber| {
+        let key = n.path.rsplit('.').next().unwrap_or_default();
+        let row = effect.parameters.iter().find(|p| p.key == key || p.sliding_key == key)?;
+        Some(WaveNumber { kind: row.kind, record: n.record.clone(), value: n.value })
+    };
+    let Some(mut wave) = parameters.iter().map(of).collect::<Option<Vec<WaveNumber>>>() else { return };
+    waves::to_usual_form(&mut wave);
+    parameters.iter_mut().zip(wave).for_each(|(n, usual)| n.value = usual.value);
+}
+
 /// Within this multiple of the floor, and white, the error counts as explained.
 const EXPLAINED: f64 = 1.5;
 
@@ -421,6 +434,7 @@ fn effect(found: &AcceptedResult, which: usize, data: &Data) -> NamedEffect {
     let fits = |r: usize| best.problem.data.segments.iter().any(|s| s.record == r && s.judge_from > 0);
     let globals = globals.filter(|g| best.problem.globals[*g].record.is_none_or(fits));
     let mut parameters = numbers(best, data, globals, &[]);
+    to_usual_form(h.effect, &mut parameters);
     let standard_error = parameters.first().map_or(0.0, |p| p.standard_error);
     // Integers and tried shapes belong to the hypothesis, and to the drive file.
     let keys = best.problem.machine.keys(h.effect, h.target);

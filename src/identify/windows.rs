@@ -150,7 +150,7 @@ fn angles((m, values): (&Machine, &[f64]), data: &Data, s: &RecordSegment, t_s: 
         match input.kind {
             InputKind::Speed => known[input.body] = Some(summed(&mut |i| series[i])),
             InputKind::Angle => known[input.body] = Some(series.clone()),
-            InputKind::Force(_) => {}
+            InputKind::Force(_) | InputKind::Acceleration => {}
         }
     }
     for (b, body) in m.bodies.iter().enumerate() {

@@ -174,6 +174,8 @@ pub enum InputKind {
     Speed,
     /// The column is an angle or a position.
     Angle,
+    /// Acceleration that goes with the speed of another input, for the force that this motion needs ([`Reads::Reaction`]).
+    Acceleration,
 }
 
 #[doc(hidden)]

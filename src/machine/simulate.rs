@@ -158,7 +158,7 @@ fn top_speeds(m: &Machine, task: &Task, start: &InitialState) -> Vec<f64> {
 pub(super) fn top_loads(ready: &PreparedMachine, task: &Task) -> Vec<f64> {
     let of = |(input, series): (&Input, &Vec<f64>)| match input.kind {
         InputKind::Force(gain) => series.iter().fold(0.0_f64, |most, u| most.max((ready.values[gain] * u).abs())),
-        InputKind::Speed | InputKind::Angle => 0.0,
+        InputKind::Speed | InputKind::Angle | InputKind::Acceleration => 0.0,
     };
     ready.m.inputs.iter().zip(&task.inputs).map(of).collect()
 }
@@ -525,7 +525,7 @@ fn sampled<'a>(
                 let [begin, end] = [0.0, 1.0].map(|x| ready.values[gain] * input_at(k, x));
                 if end.abs() > begin.abs() { end } else { begin }
             }
-            InputKind::Speed | InputKind::Angle => 0.0,
+            InputKind::Speed | InputKind::Angle | InputKind::Acceleration => 0.0,
         };
         let mut at = |stage: f64, q: &[f64], v: &mut [f64], force: &mut [f64]| {
             if prescribes {
@@ -621,7 +621,12 @@ fn sampled<'a>(
     for (c, channel) in channels.iter().enumerate() {
         if let Reads::Reaction(b) = m.sensors[*channel].reads {
             let gain = ready.values[m.sensors[*channel].gain];
-            let acceleration = derivative(&speeds[c], h);
+            let is_moved = ready.motion.iter().any(|(body, _, _)| *body == b);
+            let given = m.inputs.iter().position(|i| i.body == b && i.kind == InputKind::Acceleration);
+            let acceleration = match given.filter(|_| !is_moved) {
+                Some(k) => inputs[k].clone(),
+                None => derivative(&speeds[c], h),
+            };
             for (value, a) in traces[c].iter_mut().zip(acceleration) {
                 *value = gain * ready.inertia[b] * a - *value;
             }

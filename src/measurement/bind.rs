@@ -116,7 +116,7 @@ fn check_inputs(measurement: &Measurement, machine: &Machine, diags: &mut Vec<Di
         let Some(m) = machine.inputs.iter().find(|m| m.path == i.input) else { continue };
         let slides = machine.bodies.get(m.body).is_some_and(|b| b.slides);
         let wanted = match (m.kind, slides) {
-            (InputKind::Force(_), _) => continue,
+            (InputKind::Force(_) | InputKind::Acceleration, _) => continue,
             (InputKind::Speed, false) => MeasuredQuantity::AngularSpeed,
             (InputKind::Speed, true) => MeasuredQuantity::Speed,
             (InputKind::Angle, false) => MeasuredQuantity::Angle,

@@ -412,7 +412,7 @@ fn sampled_segment(
             diags.push(measurement.places.error(&format!("inputs.{}", spec.name), title, Some(help.into())));
         }
         let factor = match input.kind {
-            InputKind::Force(_) => 1.0,
+            InputKind::Force(_) | InputKind::Acceleration => 1.0,
             InputKind::Speed | InputKind::Angle => unit(&spec.unit).map_or(1.0, |(_, f)| f),
         };
         hold |= spec.hold;
