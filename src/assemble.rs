@@ -373,7 +373,7 @@ fn assemble_from(drive: &Drive, isa: Isa, shared: Option<&SharedParts>) -> Resul
 fn resting_sliders(model: &Model, q: &Configuration) -> Vec<RestingSlider> {
     let tips = model.touches.iter().filter_map(|t| match t.shape {
         TouchShape::Tip { slider, .. } => Some((slider, t)),
-        TouchShape::Stop { .. } | TouchShape::Pawl { .. } | TouchShape::Cam(_) => None,
+        TouchShape::Stop { .. } | TouchShape::Between { .. } | TouchShape::Cam(_) => None,
     });
     let of = |(coordinate, touch): (usize, &Touch)| {
         let slider = model.sliders.iter().find(|s| s.coordinate == coordinate);

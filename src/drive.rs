@@ -11,6 +11,7 @@ mod contacts;
 pub(crate) mod document;
 mod effects;
 mod guides;
+pub mod lifters;
 pub mod mechanism;
 mod read;
 #[doc(hidden)]

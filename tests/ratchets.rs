@@ -36,7 +36,7 @@ fn run(assembly: &mut Assembly, time_s: f64) -> Seen {
     let (model, state) = (&assembly.model, &mut assembly.state);
     let (mut scratch, mut camera) = (Scratch::new(model), Camera::default());
     let ratchet = model.ratchets[0];
-    let touch = model.touches.iter().position(|t| matches!(t.shape, TouchShape::Pawl { .. })).expect("a pawl");
+    let touch = model.touches.iter().position(|t| matches!(t.shape, TouchShape::Between { .. })).expect("a pawl");
     let until = state.step + (time_s / model.step_s) as u64;
     let mut seen =
         Seen { plunger_m: 0.0, pawl_m: state.coordinates.angle[ratchet.pawl], force_n: 0.0, ledger: 0.0, clicks: 0 };

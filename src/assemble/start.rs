@@ -2,6 +2,7 @@
 
 use super::AssemblyError;
 use crate::elements::contact_law::PairRadii;
+use crate::elements::hydraulics::Chamber;
 use crate::geometry::Vec2;
 use crate::integrate::explicit;
 use crate::integrate::explicit::ends::{EndFinder, LinkPoses};
@@ -46,12 +47,18 @@ pub(super) fn moving_state(model: &Model, at: &Equilibrium) -> Result<State, Ass
     put_followers(model, &mut state);
     if let Some(oil) = &model.oil {
         oil.fill(&at.configuration.coordinates, &mut state.oil);
+        // Lifters under lifted valves.
+        let under = |c: &Chamber| model.cams().any(|cam| c.pistons.iter().any(|(k, _)| *k == cam.follower));
+        for (i, _) in oil.chambers.iter().enumerate().filter(|(_, c)| under(c)) {
+            let volume = oil.volume_m3(i, &state.coordinates.angle) / state.oil.oil_m3[i];
+            state.oil.pressure_pa[i] = oil.oil.pressure_pa(volume, state.oil.pressure_pa[i]);
+        }
     }
     Ok(state)
 }
 
 /// Puts followers on their cams, as fast as these lift them, with the force of their springs; those on the base circle stay on their seats. The
-/// masses of a spring stand and move in proportion.
+/// masses of a spring stand and move in proportion. The oil of a lifter is what it was while the valve was closed.
 fn put_followers(model: &Model, state: &mut State) {
     for (i, touch) in model.touches.iter().enumerate() {
         let TouchShape::Cam(cam) = &touch.shape else { continue };
@@ -61,19 +68,30 @@ fn put_followers(model: &Model, state: &mut State) {
             continue;
         }
         let (lift_m, speed) = (q.angle[cam.follower] - gap.gap_m, -gap.slope[1] * q.omega[cam.shaft]);
+        let bend = gap.bend[2] * q.omega[cam.shaft] * q.omega[cam.shaft];
+        let inertia_n = |k: usize| 1.0 / model.coordinates[k].inverse_inertia() * bend;
+        let (mut valve_m, mut force) = (lift_m, model.valve_spring_n(cam.valve, lift_m) - inertia_n(cam.valve));
+        if cam.valve != cam.follower {
+            for _ in 0..LIFTER_ITERATIONS {
+                valve_m = lift_m - model.lifter_yields_m(cam, lift_m - valve_m, force);
+                force = model.valve_spring_n(cam.valve, valve_m) - inertia_n(cam.valve);
+            }
+            force += model.lifter_preload_n(cam) - inertia_n(cam.follower);
+        }
         (q.angle[cam.follower], q.omega[cam.follower]) = (lift_m, speed);
-        let masses = model.spring_masses(cam.follower);
+        (q.angle[cam.valve], q.omega[cam.valve]) = (valve_m, speed);
+        let masses = model.spring_masses(cam.valve);
         let parts = (masses.len() + 1) as f64;
         for (n, k) in masses.enumerate() {
             let share = (n + 1) as f64 / parts;
-            (q.angle[k], q.omega[k]) = (share * lift_m, share * speed);
+            (q.angle[k], q.omega[k]) = (share * valve_m, share * speed);
         }
-        let bend = gap.bend[2] * q.omega[cam.shaft] * q.omega[cam.shaft];
-        let mass = 1.0 / model.coordinates[cam.follower].inverse_inertia();
-        let force = model.valve_spring_n(cam.follower, lift_m) - mass * bend;
         (state.touches.normal_force[i], state.touches.age[i]) = (force.max(0.0), 1.0);
     }
 }
+
+/// Each takes the error of where a lifter stands down by the stiffness of the valve's spring over that of the oil: a thousandth.
+const LIFTER_ITERATIONS: usize = 8;
 
 /// A State with the poses of `q`, at rest.
 pub fn resting_state(model: &Model, q: &Configuration) -> State {

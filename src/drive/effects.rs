@@ -1,6 +1,7 @@
 //! Reading `[effects]` of a drive with links; those on shafts, arms and sliders are read with the loads in `shafts`.
 
-use super::mechanism::{PassageLaw, WIDEST_GAP};
+use super::lifters::largest_island;
+use super::mechanism::{PassageLaw, PassageSpec, WIDEST_GAP};
 use super::reader::TomlTable;
 use super::{
     Effects, GapError, GapWave, GuideEffect, GuideMount, LinkMass, OilSpec, PassageEffect, PitchError, RailSpec,
@@ -188,7 +189,6 @@ fn read_oil_effects(t: &TomlTable<'_>, oil: Option<&OilSpec>, effects: &mut Effe
             table.error("the drive has no oil".into(), Some("add `[oil]`, `[chambers]` and `[passages]`".into()));
         }
     }
-    let mut holes = oil.map_or(0, |o| o.passages.len());
     for effect in [&leak_gap::ROW, &orifice_diameter::ROW, &check_leak::ROW] {
         let table = t.table(effect.name);
         for (passage, t) in table.tables_or_set() {
@@ -215,14 +215,19 @@ fn read_oil_effects(t: &TomlTable<'_>, oil: Option<&OilSpec>, effects: &mut Effe
                 let help = "with the declared gap at most a tenth of the diameter";
                 t.error_at("gap_um", "the gap is too wide for a flow along a narrow slit".into(), Some(help.into()));
             }
-            holes += usize::from(effect.on == On::Check);
-            if holes > MAX_PASSAGES {
-                t.error(format!("with this hole {holes} passages: at most {MAX_PASSAGES} are computed"), None);
-            }
             own.passages.push(PassageEffect { path: t.path().to_string(), passage, size });
             t.finish();
         }
         table.finish();
+    }
+    let leaks = |p: &PassageSpec| {
+        let is_own = |e: &PassageEffect| e.passage == last_name(&p.path);
+        matches!(p.law, PassageLaw::Check(_)) && own.passages.iter().any(is_own)
+    };
+    let passages = oil.map_or(0, |oil| largest_island(oil, leaks)[1]);
+    if passages > MAX_PASSAGES {
+        let title = format!("with these holes {passages} passages are joined: at most {MAX_PASSAGES} are computed");
+        t.table(check_leak::ROW.name).error(title, None);
     }
 }
 

@@ -5,7 +5,6 @@ use super::sensors::MechanismNames;
 use super::{ArmSpec, ContactSpec, OilEffects};
 use crate::diag::last_name;
 use crate::effects::{Effect, leak_gap, oil_air, orifice_diameter};
-use crate::elements::hydraulics::{MAX_CHAMBERS, MAX_PASSAGES};
 use crate::elements::oil::{Oil, OilGrade};
 use crate::elements::passage::{AnnularGap, Pipe, ROUGHEST, TRANSITION_REYNOLDS};
 use crate::geometry::Vec2;
@@ -132,10 +131,21 @@ pub struct ChamberSpec {
     pub name: String,
     /// Where all is drawn [m3].
     pub volume_m3: f64,
-    /// The slider that is its piston, and its bore [m].
-    pub piston: Option<(String, f64)>,
+    /// What slides in it.
+    pub pistons: Vec<PistonSpec>,
     /// Gauge pressure at rest [Pa].
     pub start_pa: f64,
+}
+
+/// A slider in a chamber.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PistonSpec {
+    /// Name of the slider; a part of a valve: its path.
+    pub slider: String,
+    /// Diameter [m].
+    pub bore_m: f64,
+    /// 1: its way outwards makes the chamber larger; -1: smaller.
+    pub sense: f64,
 }
 
 /// An opening between two chambers or reservoirs.
@@ -352,11 +362,11 @@ pub(super) fn read_viscosity(t: &TomlTable<'_>, density_kg_m3: impl FnOnce() -> 
     dynamic_pa_s
 }
 
-/// `[oil]`, `[chambers.NAME]`, `[reservoirs.NAME]`, `[passages.KIND.NAME]`; None where there is no chamber.
-pub(super) fn read_oil(root: &TomlTable<'_>, sliders: &[SliderSpec]) -> Option<OilSpec> {
+/// `[oil]`, `[chambers.NAME]`, `[reservoirs.NAME]`, `[passages.KIND.NAME]`; None where there is no chamber, and no valve has a lifter.
+pub(super) fn read_oil(root: &TomlTable<'_>, sliders: &[SliderSpec], has_lifters: bool) -> Option<OilSpec> {
     let tables = ["oil", "chambers", "reservoirs", "passages"].map(|name| root.table(name));
     let [oil_table, chamber_table, reservoir_table, passage_table] = &tables;
-    if !chamber_table.is_present() {
+    if !chamber_table.is_present() && !has_lifters {
         for t in tables.iter().filter(|t| t.is_present()) {
             let help = "add `[chambers.NAME]` with its `volume_mm3`";
             t.error(format!("`{}` without a chamber", t.path()), Some(help.into()));
@@ -382,11 +392,6 @@ pub(super) fn read_oil(root: &TomlTable<'_>, sliders: &[SliderSpec]) -> Option<O
     let nodes: Vec<String> =
         chambers.iter().map(|c| c.name.clone()).chain(reservoirs.iter().map(|(n, _)| n.clone())).collect();
     let passages = read_passages(passage_table, sliders, &nodes);
-    for (what, n, most) in [("chambers", chambers.len(), MAX_CHAMBERS), ("passages", passages.len(), MAX_PASSAGES)] {
-        if n > most {
-            root.error(format!("{n} {what}: at most {most} are computed"), None);
-        }
-    }
     for (_, name) in nodes.iter().enumerate().filter(|(i, name)| nodes[..*i].contains(name)) {
         reservoir_table.error(format!("a chamber and a reservoir are called `{name}`"), Some("rename one".into()));
     }
@@ -416,9 +421,9 @@ fn read_chambers(table: &TomlTable<'_>, sliders: &[SliderSpec]) -> Vec<ChamberSp
             if bore_m.is_none() {
                 t.error(format!("chamber `{name}` has a slider and no bore"), Some("add `bore_mm = ...`".into()));
             }
-            (slider, bore_m.unwrap_or(f64::NAN))
+            PistonSpec { slider, bore_m: bore_m.unwrap_or(f64::NAN), sense: 1.0 }
         });
-        if let Some((slider, bore_m)) = &piston
+        if let Some(PistonSpec { slider, bore_m, .. }) = &piston
             && let Some(low_m) = sliders.iter().find(|s| s.name == *slider).and_then(|s| s.low_m)
             && volume_m3 + 0.25 * PI * bore_m * bore_m * low_m <= 0.0
         {
@@ -426,7 +431,7 @@ fn read_chambers(table: &TomlTable<'_>, sliders: &[SliderSpec]) -> Vec<ChamberSp
             t.error_at("volume_mm3", title, Some("make it larger, or move the stop".into()));
         }
         let start_pa = t.number("pressure_bar", BAR, -0.9..=1e4).unwrap_or(0.0);
-        all.push(ChamberSpec { name, volume_m3, piston, start_pa });
+        all.push(ChamberSpec { name, volume_m3, pistons: piston.into_iter().collect(), start_pa });
         t.finish();
     }
     table.finish();
@@ -495,8 +500,13 @@ fn read_pipe(t: &TomlTable<'_>) -> Pipe {
 const SHORTEST_PIPE: f64 = 10.0;
 
 fn read_gap(t: &TomlTable<'_>) -> AnnularGap {
+    read_slit(t, t.required("diameter_mm", MM, 0.1..=1e4))
+}
+
+/// A gap about something of this diameter.
+pub(super) fn read_slit(t: &TomlTable<'_>, diameter_m: f64) -> AnnularGap {
     let gap = AnnularGap {
-        diameter_m: t.required("diameter_mm", MM, 0.1..=1e4),
+        diameter_m,
         gap_m: t.required("gap_um", UM, 0.1..=1e4),
         length_m: t.required("length_mm", MM, 0.01..=1e4),
         eccentricity: t.number("eccentricity", 1.0, 0.0..=0.99).unwrap_or(0.0),
@@ -532,7 +542,7 @@ fn read_ends(t: &TomlTable<'_>, nodes: &[String]) -> [String; 2] {
     }
 }
 
-fn read_check(t: &TomlTable<'_>) -> CheckSpec {
+pub(super) fn read_check(t: &TomlTable<'_>) -> CheckSpec {
     let seat_radius_m = 0.5 * t.required("seat_mm", MM, 0.1..=1e3);
     let ball_radius_m = 0.5 * t.required("ball_mm", MM, 0.1..=1e3);
     if ball_radius_m <= seat_radius_m {
@@ -559,7 +569,7 @@ fn read_check(t: &TomlTable<'_>) -> CheckSpec {
 pub(super) const WIDEST_GAP: f64 = 0.1;
 
 /// [Pa].
-const BAR: f64 = 1e5;
+pub(super) const BAR: f64 = 1e5;
 
 /// Tips of sliders on arms, and sliders on their stops: `[contact.tip]`.
 pub(super) fn read_tips(

@@ -11,7 +11,7 @@ use super::{
     ArmSpec, ChainFidelity, ChainPart, ChainSpec, Drive, FaceForm, JointSpec, OuterSpec, PreloadSpec, RailSpec,
     RingForm, RunSpec, ScatterSpec, Scheme, ShaftSpec, SpanSpec, SprocketDrive,
 };
-use super::{effects, mechanism, sensors};
+use super::{effects, lifters, mechanism, sensors};
 use crate::geometry::chain::abutment::{AbutmentChain, Handover};
 use crate::geometry::chain::bush::{BushChain, RollerSpec, RowSpec};
 use crate::geometry::chain::silent::{SilentChain, SilentLinkForm, SilentRowSpec};
@@ -51,7 +51,7 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     let stop_contact = mechanism::read_stops(&stop_table, &arms, read);
     let sliders = mechanism::read_sliders(root, &names, &arms);
     let tip_contact = mechanism::read_tips(&tip_table, &sliders, read);
-    let oil = mechanism::read_oil(root, &sliders);
+    let mut oil = mechanism::read_oil(root, &sliders, valves::have_lifters(root));
     let moving = MovingNames { sprockets: &sprockets, shafts: &shafts, arms: &arms, sliders: &sliders };
     let mut train = ShaftTrain { motion, couplings: shafts::read_couplings(root, &moving), ..ShaftTrain::default() };
     shafts::read_loads(&loads, &moving, &mut train);
@@ -70,8 +70,12 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
         let on_chain = |r: &&RailSpec| sprockets.get(r.span).is_some_and(|s| s.chain == chain);
         rails.iter().filter(on_chain).filter(|r| r.bending.is_some()).map(|r| r.name.as_str()).collect()
     };
-    let valves =
-        valves::read_valves(root, &CamCarriers { sprockets: &sprockets, shafts: &shafts, bearings: &bearings });
+    let carriers = CamCarriers { sprockets: &sprockets, shafts: &shafts, bearings: &bearings, oil: oil.as_ref() };
+    let valves = valves::read_valves(root, &carriers);
+    if let Some(oil) = &mut oil {
+        lifters::add_oil(root, oil, &valves::lifters(&valves));
+        lifters::check_islands(root, oil);
+    }
     let valve_contacts = valves::read_valve_contacts([&cam_table, &seat_table], &valves, read);
     let preload = read_preload(&first.table("preload"), &own(0), 0, (&arms, &blades(0)));
     let more = |(index, (_, t)): (usize, &(String, TomlTable<'_>))| {

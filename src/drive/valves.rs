@@ -3,6 +3,7 @@
 //! ```text
 //! [valves.NAME]                   body, phases_deg, direction_deg, base_radius_mm, roller_radius_mm, lash_um, mass_g, spring_n_per_mm, spring_n,
 //!                                 damping_n_s_per_m, spring_mass_g, spring_parts, spring_damping_percent
+//! [valves.NAME.lifter]            see `lifters`
 //! [valves.NAME.lift.harmonic]     lift_mm, half_angle_deg, ramp_um, ramp_deg
 //! [valves.NAME.lift.polynomial]   likewise, powers
 //! [valves.NAME.lift.table]        angles_deg, lifts_mm
@@ -10,6 +11,8 @@
 //! ```
 
 use super::bearings::{BearingSpec, Carried};
+use super::lifters::{LifterSpec, read_lifter};
+use super::mechanism::OilSpec;
 use super::reader::TomlTable;
 use super::{ContactSpec, ShaftSpec, SprocketDrive};
 use crate::elements::lift_law::{LiftLaw, LiftShape, LiftTable, polynomial};
@@ -36,7 +39,9 @@ pub struct ValveSpec {
     pub roller_m: Option<f64>,
     /// Gap on the base circle [m].
     pub lash_m: f64,
-    /// Mass of valve and follower, without the spring [kg].
+    /// Hydraulic lifters between cams and valves.
+    pub lifter: Option<LifterSpec>,
+    /// Mass of valve and follower, without the spring; with a lifter, of the valve [kg].
     pub mass_kg: f64,
     /// Stiffness of its spring [N/m].
     pub spring_n_per_m: f64,
@@ -62,19 +67,25 @@ impl ValveSpec {
         }
     }
 
-    /// Paths of what slides, valve by valve: the valve, then the masses of its spring.
+    /// Paths of what slides, valve by valve: the valve, then the masses of its spring, then its lifter.
     pub fn slider_paths(&self) -> Vec<String> {
         let of = |number: usize| {
             let valve = self.path(number);
-            let masses: Vec<String> = (1..self.spring_parts).map(|i| format!("{valve}.spring.{i}")).collect();
-            std::iter::once(valve).chain(masses)
+            let masses = (1..self.spring_parts).map(|i| format!("{valve}.spring.{i}"));
+            let lifter = self.lifter.iter().map(|_| format!("{valve}.lifter"));
+            std::iter::once(valve.clone()).chain(masses).chain(lifter).collect::<Vec<String>>()
         };
         (0..self.phases_rad.len()).flat_map(of).collect()
     }
 
-    /// Paths of its touches: cam and seat of every valve.
+    /// Paths of its touches: cam and seat of every valve, and the ends of its lifter's way.
     pub fn touch_paths(&self) -> Vec<String> {
-        let of = |number: usize| ["cam", "seat"].map(|what| format!("{}.{what}", self.path(number)));
+        let ends = [
+            self.lifter.as_ref().map(|_| "lifter.in_mm"),
+            self.lifter.as_ref().and_then(|l| l.out_m).map(|_| "lifter.out_mm"),
+        ];
+        let what = || ["cam", "seat"].into_iter().chain(ends.into_iter().flatten());
+        let of = |number: usize| what().map(move |what| format!("{}.{what}", self.path(number)));
         (0..self.phases_rad.len()).flat_map(of).collect()
     }
 
@@ -87,7 +98,8 @@ impl ValveSpec {
 
     /// Speed of the cam at which the spring can no longer hold the follower on it, as rigid parts [rad/s]; infinite where it always can.
     pub fn floats_at_rad_s(&self) -> f64 {
-        let mass_kg = self.mass_kg + self.spring_mass_kg / 3.0;
+        let lifter_kg = self.lifter.as_ref().map_or(0.0, |l| l.mass_kg);
+        let mass_kg = self.mass_kg + lifter_kg + self.spring_mass_kg / 3.0;
         let bound = |angle: f64| {
             let s = self.law.at(angle);
             let opened_m = s.lift_m - self.lash_m;
@@ -108,6 +120,8 @@ pub(super) struct CamCarriers<'a> {
     pub(super) sprockets: &'a [SprocketDrive],
     pub(super) shafts: &'a [ShaftSpec],
     pub(super) bearings: &'a [BearingSpec],
+    /// Where the oil of lifters may come from and go to.
+    pub(super) oil: Option<&'a OilSpec>,
 }
 
 impl CamCarriers<'_> {
@@ -126,6 +140,20 @@ impl CamCarriers<'_> {
             Carried::Guide(_) | Carried::Rail(_) => false,
         })
     }
+}
+
+/// Whether a valve has a lifter.
+pub(super) fn have_lifters(root: &TomlTable<'_>) -> bool {
+    root.table("valves").tables().iter().any(|(_, t)| t.table("lifter").is_present())
+}
+
+/// The lifter of every valve that has one, by the valve's path.
+pub(super) fn lifters(valves: &[ValveSpec]) -> Vec<(String, &LifterSpec)> {
+    let of = |v| {
+        let ValveSpec { lifter, phases_rad, .. }: &ValveSpec = v;
+        lifter.iter().flat_map(move |l| (0..phases_rad.len()).map(move |n| (v.path(n), l)))
+    };
+    valves.iter().flat_map(of).collect()
 }
 
 /// `[valves.NAME]`.
@@ -173,16 +201,23 @@ fn read_valve(name: String, t: &TomlTable<'_>, carriers: &CamCarriers<'_>) -> Va
         let help = "give `spring_mass_g`, or damp the valve with `damping_n_s_per_m`";
         t.error_at("spring_damping_percent", "a spring without mass has no surge".into(), Some(help.into()));
     }
+    let spring_n = t.required("spring_n", 1.0, 0.0..=1e6);
+    let lash_m = t.number("lash_um", UM, 0.0..=5000.0).unwrap_or(0.0);
+    let lifter = read_lifter(&t.table("lifter"), carriers.oil, spring_n);
+    if lifter.is_some() && lash_m > 0.0 {
+        t.error_at("lash_um", "a hydraulic lifter leaves no lash".into(), Some("remove one of both".into()));
+    }
     let spec = ValveSpec {
+        lifter,
         sprocket: sprocket.unwrap_or(0),
         phases_rad: t.list("phases_deg", DEG, -3600.0..=3600.0).unwrap_or_else(|| vec![0.0]),
         direction_rad: t.number("direction_deg", DEG, -360.0..=360.0).unwrap_or(0.5 * PI),
         base_m,
         roller_m,
-        lash_m: t.number("lash_um", UM, 0.0..=5000.0).unwrap_or(0.0),
+        lash_m,
         mass_kg: t.required("mass_g", 1e-3, 0.1..=1e6),
         spring_n_per_m: t.required("spring_n_per_mm", 1e3, 0.01..=1e5),
-        spring_n: t.required("spring_n", 1.0, 0.0..=1e6),
+        spring_n,
         damping_n_s_per_m: t.number("damping_n_s_per_m", 1.0, 0.0..=1e6).unwrap_or(0.0),
         spring_mass_kg,
         spring_parts: parts.unwrap_or(default_parts),

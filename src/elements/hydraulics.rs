@@ -19,7 +19,7 @@ use super::passage::{FlowLaw, PassageFlow};
 use crate::state::OilState;
 use nalgebra::{SMatrix, SVector};
 
-/// Most chambers and passages of a drive.
+/// Most chambers and passages of an island: chambers that passages join, and what leads out of them.
 pub const MAX_CHAMBERS: usize = 8;
 pub const MAX_PASSAGES: usize = 24;
 
@@ -32,6 +32,46 @@ pub struct Network {
     pub chambers: Vec<Chamber>,
     pub reservoirs: Vec<Reservoir>,
     pub passages: Vec<Passage>,
+    /// Parts that change no pressure of each other.
+    islands: Vec<Island>,
+}
+
+/// Chambers that passages join with each other, directly or through others, and all passages at them. Reservoirs do not join.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Island {
+    /// Numbers of chambers of the network.
+    pub chambers: Vec<usize>,
+    /// Numbers of passages of the network.
+    pub passages: Vec<usize>,
+}
+
+/// The islands of chambers between which passages lie, by their first chambers; passages between reservoirs stand behind them, on one without a
+/// chamber.
+pub fn islands(chambers: usize, passages: &[[PassageEnd; 2]]) -> Vec<Island> {
+    // The first chamber that each is joined with.
+    let mut first: Vec<usize> = (0..chambers).collect();
+    for ends in passages {
+        if let [PassageEnd::Chamber(a), PassageEnd::Chamber(b)] = ends {
+            let (keep, drop) = (first[*a].min(first[*b]), first[*a].max(first[*b]));
+            first.iter_mut().filter(|f| **f == drop).for_each(|f| *f = keep);
+        }
+    }
+    let island_of = |ends: &[PassageEnd; 2]| {
+        ends.iter().find_map(|e| match e {
+            PassageEnd::Chamber(i) => Some(first[*i]),
+            PassageEnd::Reservoir(_) => None,
+        })
+    };
+    let on = |wanted: Option<usize>| (0..passages.len()).filter(|p| island_of(&passages[*p]) == wanted).collect();
+    let mut all: Vec<Island> = (0..chambers)
+        .filter(|c| first[*c] == *c)
+        .map(|c| Island { chambers: (0..chambers).filter(|i| first[*i] == c).collect(), passages: on(Some(c)) })
+        .collect();
+    let between_reservoirs: Vec<usize> = on(None);
+    if !between_reservoirs.is_empty() {
+        all.push(Island { chambers: Vec::new(), passages: between_reservoirs });
+    }
+    all
 }
 
 /// A volume of oil at one pressure.
@@ -80,6 +120,13 @@ pub struct CoordinateStep<'a> {
 }
 
 impl Network {
+    /// Passages refer to chambers and reservoirs by their numbers.
+    pub fn new(oil: Oil, chambers: Vec<Chamber>, reservoirs: Vec<Reservoir>, passages: Vec<Passage>) -> Network {
+        let ends: Vec<[PassageEnd; 2]> = passages.iter().map(|p| p.ends).collect();
+        let islands = islands(chambers.len(), &ends);
+        Network { oil, chambers, reservoirs, passages, islands }
+    }
+
     /// Numbers of chambers, reservoirs and passages.
     pub fn lengths(&self) -> [usize; 3] {
         [self.chambers.len(), self.reservoirs.len(), self.passages.len()]
@@ -195,36 +242,66 @@ impl Network {
 
     /// Moves the oil on from a node to the next.
     pub fn advance(&self, step_s: f64, way: CoordinateStep<'_>, state: &mut OilState) {
-        let n = self.chambers.len();
+        for island in &self.islands {
+            self.advance_island(island, step_s, way, state);
+        }
+    }
+
+    fn advance_island(&self, island: &Island, step_s: f64, way: CoordinateStep<'_>, state: &mut OilState) {
+        let n = island.chambers.len();
+        let passages = || island.passages.iter().map(|e| &self.passages[*e]);
+        // Number on the island of a chamber at an end of a passage.
+        let on_island = |end: PassageEnd| match end {
+            PassageEnd::Chamber(i) => island.chambers.iter().position(|c| *c == i),
+            PassageEnd::Reservoir(_) => None,
+        };
         let q = way.middle;
-        let begin = self.evaluate(way.from, q, way.speed, &state.oil_m3, &state.pressure_pa);
+        let mut oil = [0.0; MAX_CHAMBERS];
+        for (own, i) in oil.iter_mut().zip(&island.chambers) {
+            *own = state.oil_m3[*i];
+        }
+        let begin = self.evaluate(island, (way.from, q, way.speed), &oil, &state.pressure_pa);
         let gh = GAMMA * step_s;
         let mut matrix = SMatrix::<f64, MAX_CHAMBERS, MAX_CHAMBERS>::identity();
-        for (p, f) in self.passages.iter().zip(&begin.flows) {
+        for (p, f) in passages().zip(&begin.flows) {
             for (row, sign) in p.ends.iter().zip([-1.0, 1.0]) {
-                let PassageEnd::Chamber(i) = *row else { continue };
+                let Some(i) = on_island(*row) else { continue };
                 for (column, by) in p.ends.iter().zip([1.0, -1.0]) {
-                    let PassageEnd::Chamber(j) = *column else { continue };
+                    let Some(j) = on_island(*column) else { continue };
                     matrix[(i, j)] -= gh * sign * by * f.slope * begin.by_oil[j];
                 }
             }
         }
-        let solver = matrix.lu();
+        let sums_of = |rates: &[f64; MAX_PASSAGES]| -> [f64; MAX_CHAMBERS] {
+            let mut sums = [0.0; MAX_CHAMBERS];
+            for (p, rate) in passages().zip(rates) {
+                for (end, sign) in p.ends.iter().zip([-1.0, 1.0]) {
+                    if let Some(i) = on_island(*end) {
+                        sums[i] += sign * rate;
+                    }
+                }
+            }
+            sums
+        };
+        let factors = (n > 1).then(|| matrix.lu());
         let solve = |rates: &[f64; MAX_PASSAGES]| -> Option<[f64; MAX_CHAMBERS]> {
-            let sums = SVector::<f64, MAX_CHAMBERS>::from(self.sums_of_chambers(rates));
-            solver.solve(&sums).map(Into::into)
+            let mut sums = sums_of(rates);
+            match &factors {
+                None => {
+                    sums[0] /= matrix[(0, 0)];
+                    Some(sums)
+                }
+                Some(factors) => factors.solve(&SVector::<f64, MAX_CHAMBERS>::from(sums)).map(Into::into),
+            }
         };
         // A difference of pressures at the ends of a passage, of values per chamber.
         let across = |p: &Passage, of: &dyn Fn(usize) -> f64| {
-            let at = |end: PassageEnd| match end {
-                PassageEnd::Chamber(i) => of(i),
-                PassageEnd::Reservoir(_) => 0.0,
-            };
+            let at = |end: PassageEnd| on_island(end).map_or(0.0, of);
             at(p.ends[0]) - at(p.ends[1])
         };
         let nothing = [0.0; MAX_PASSAGES];
         let (mut right, mut by_time) = (nothing, nothing);
-        for (e, (p, f)) in self.passages.iter().zip(&begin.flows).enumerate() {
+        for (e, (p, f)) in passages().zip(&begin.flows).enumerate() {
             by_time[e] = gh * f.slope * across(p, &|i| begin.by_volume[i] * begin.volume_rate[i]);
             right[e] = f.rate_m3_s + by_time[e];
         }
@@ -233,15 +310,14 @@ impl Network {
             return;
         };
         let mut flows_1 = nothing;
-        for (e, (p, f)) in self.passages.iter().zip(&begin.flows).enumerate() {
+        for (e, (p, f)) in passages().zip(&begin.flows).enumerate() {
             flows_1[e] = right[e] + gh * f.slope * across(p, &|i| begin.by_oil[i] * first[i]);
         }
-        let mut oil = [0.0; MAX_CHAMBERS];
         for i in 0..n {
-            oil[i] = state.oil_m3[i] + step_s * first[i];
+            oil[i] += step_s * first[i];
         }
-        let end = self.evaluate(way.to, q, way.speed, &oil[..n], &state.pressure_pa);
-        for (e, f) in end.flows[..self.passages.len()].iter().enumerate() {
+        let end = self.evaluate(island, (way.to, q, way.speed), &oil, &state.pressure_pa);
+        for (e, f) in end.flows[..island.passages.len()].iter().enumerate() {
             right[e] = f.rate_m3_s - by_time[e] - 2.0 * flows_1[e];
         }
         let Some(second) = solve(&right) else {
@@ -249,41 +325,43 @@ impl Network {
             return;
         };
         let mut flows = nothing;
-        for (e, (p, f)) in self.passages.iter().zip(&begin.flows).enumerate() {
+        for (e, (p, f)) in passages().zip(&begin.flows).enumerate() {
             let flow_2 = right[e] + gh * f.slope * across(p, &|i| begin.by_oil[i] * second[i]);
             flows[e] = 1.5 * flows_1[e] + 0.5 * flow_2;
         }
-        self.move_oil(step_s, way, q, &flows, state);
+        self.move_oil(island, (step_s, way, q), (&flows, &sums_of(&flows)), state);
     }
 
-    /// Moves oil through passages, and books what that takes.
+    /// Moves oil through the passages of an island, and books what that takes. `sums`: of the flows into its chambers.
     fn move_oil(
         &self,
-        step_s: f64,
-        way: CoordinateStep<'_>,
-        q: &[f64],
-        flows: &[f64; MAX_PASSAGES],
+        island: &Island,
+        (step_s, way, q): (f64, CoordinateStep<'_>, &[f64]),
+        (flows, sums): (&[f64; MAX_PASSAGES], &[f64; MAX_CHAMBERS]),
         state: &mut OilState,
     ) {
         let mut before = [0.0; MAX_CHAMBERS];
-        before[..state.pressure_pa.len()].copy_from_slice(&state.pressure_pa);
-        for (i, sum) in self.sums_of_chambers(flows).iter().enumerate().take(self.chambers.len()) {
-            state.oil_m3[i] += step_s * sum;
-            let volume = self.volume_m3(i, way.to) / state.oil_m3[i];
-            state.pressure_pa[i] = self.oil.pressure_pa(volume, state.pressure_pa[i]);
+        for ((i, sum), before) in island.chambers.iter().zip(sums).zip(&mut before) {
+            *before = state.pressure_pa[*i];
+            state.oil_m3[*i] += step_s * sum;
+            let volume = self.volume_m3(*i, way.to) / state.oil_m3[*i];
+            state.pressure_pa[*i] = self.oil.pressure_pa(volume, state.pressure_pa[*i]);
         }
-        for (e, p) in self.passages.iter().enumerate() {
-            let moved_m3 = step_s * flows[e];
-            let mean = |of: &dyn Fn(&[f64], PassageEnd) -> f64, end: PassageEnd| {
-                0.5 * (of(&before, end) + of(&state.pressure_pa, end))
+        for (e, flow) in island.passages.iter().zip(flows) {
+            let p = &self.passages[*e];
+            let moved_m3 = step_s * flow;
+            let before_pa = |end: PassageEnd| match end {
+                PassageEnd::Chamber(i) => island.chambers.iter().position(|c| *c == i).map_or(f64::NAN, |k| before[k]),
+                PassageEnd::Reservoir(r) => self.reservoirs[r].pressure_pa,
             };
-            let pressure = |pa: &[f64], end: PassageEnd| self.pressure_pa(end, pa);
-            let enthalpy = |pa: &[f64], end: PassageEnd| self.oil.enthalpy(self.pressure_pa(end, pa));
+            let after_pa = |end: PassageEnd| self.pressure_pa(end, &state.pressure_pa);
+            let mean_pa = |end: PassageEnd| 0.5 * (before_pa(end) + after_pa(end));
+            let mean_enthalpy =
+                |end: PassageEnd| 0.5 * (self.oil.enthalpy(before_pa(end)) + self.oil.enthalpy(after_pa(end)));
             let [a, b] = p.ends;
-            let by_wall = p.law.wall(q).map_or(0.0, |(k, wall_m2)| {
-                step_s * wall_m2 * way.speed[k] * (mean(&pressure, a) - mean(&pressure, b))
-            });
-            state.lost_j[e] += moved_m3 * (mean(&enthalpy, a) - mean(&enthalpy, b)) - by_wall;
+            let by_wall =
+                p.law.wall(q).map_or(0.0, |(k, wall_m2)| step_s * wall_m2 * way.speed[k] * (mean_pa(a) - mean_pa(b)));
+            state.lost_j[*e] += moved_m3 * (mean_enthalpy(a) - mean_enthalpy(b)) - by_wall;
             for (end, sign) in [(a, 1.0), (b, -1.0)] {
                 if let PassageEnd::Reservoir(r) = end {
                     state.inflow_m3[r] -= sign * moved_m3;
@@ -293,44 +371,46 @@ impl Network {
         }
     }
 
-    /// Sums of flows into the chambers.
-    fn sums_of_chambers(&self, flows: &[f64; MAX_PASSAGES]) -> [f64; MAX_CHAMBERS] {
-        let mut sums = [0.0; MAX_CHAMBERS];
-        for (p, flow) in self.passages.iter().zip(flows) {
-            for (end, sign) in p.ends.iter().zip([-1.0, 1.0]) {
-                if let PassageEnd::Chamber(i) = *end {
-                    sums[i] += sign * flow;
-                }
-            }
-        }
-        sums
-    }
-
-    /// Pressures, their derivatives and flows. `at`: where coordinates stand; `q`: where those of lifts and walls do.
-    fn evaluate(&self, at: &[f64], q: &[f64], speed: &[f64], oil_m3: &[f64], near_pa: &[f64]) -> NetworkState {
-        let mut look = NetworkState::default();
-        for (i, c) in self.chambers.iter().enumerate() {
-            let volume_m3 = self.volume_m3(i, at);
-            let pressure = self.oil.pressure_pa(volume_m3 / oil_m3[i], near_pa[i]);
+    /// Pressures, their derivatives and flows on an island. `at`: where coordinates stand; `q`: where those of lifts and walls do. `near_pa`: of all
+    /// chambers.
+    fn evaluate(
+        &self,
+        island: &Island,
+        (at, q, speed): (&[f64], &[f64], &[f64]),
+        oil_m3: &[f64; MAX_CHAMBERS],
+        near_pa: &[f64],
+    ) -> IslandState {
+        let mut look = IslandState::default();
+        for (own, i) in island.chambers.iter().enumerate() {
+            let c = &self.chambers[*i];
+            let pressure = self.oil.pressure_pa(self.volume_m3(*i, at) / oil_m3[own], near_pa[*i]);
             let state = self.oil.at(pressure);
-            look.pressure_pa[i] = pressure;
-            look.by_volume[i] = 1.0 / (oil_m3[i] * state.slope_per_pa);
-            look.by_oil[i] = -state.volume * look.by_volume[i];
-            look.volume_rate[i] = c.pistons.iter().map(|(k, area)| area * speed[*k]).sum();
+            look.pressure_pa[own] = pressure;
+            look.by_volume[own] = 1.0 / (oil_m3[own] * state.slope_per_pa);
+            look.by_oil[own] = -state.volume * look.by_volume[own];
+            look.volume_rate[own] = c.pistons.iter().map(|(k, area)| area * speed[*k]).sum();
         }
-        for (e, p) in self.passages.iter().enumerate() {
-            let mut flow = p.law.flow(&self.oil, q, self.drop_pa(p, &look.pressure_pa));
+        let pressure_pa = |end: PassageEnd| match end {
+            PassageEnd::Chamber(i) => {
+                island.chambers.iter().position(|c| *c == i).map_or(f64::NAN, |k| look.pressure_pa[k])
+            }
+            PassageEnd::Reservoir(r) => self.reservoirs[r].pressure_pa,
+        };
+        let mut flows = [PassageFlow::default(); MAX_PASSAGES];
+        for (e, flow) in island.passages.iter().zip(&mut flows) {
+            let p = &self.passages[*e];
+            *flow = p.law.flow(&self.oil, q, pressure_pa(p.ends[0]) - pressure_pa(p.ends[1]));
             if let Some((k, wall_m2)) = p.law.wall(q) {
                 flow.rate_m3_s += wall_m2 * speed[k];
             }
-            look.flows[e] = flow;
         }
-        look
+        IslandState { flows, ..look }
     }
 }
 
-/// A network at one instant.
-struct NetworkState {
+/// An island at one instant, its chambers and passages in its own order.
+#[derive(Default)]
+struct IslandState {
     pressure_pa: [f64; MAX_CHAMBERS],
     /// Derivatives of the pressure by volume [Pa/m3] and by oil.
     by_volume: [f64; MAX_CHAMBERS],
@@ -338,19 +418,6 @@ struct NetworkState {
     /// [m3/s].
     volume_rate: [f64; MAX_CHAMBERS],
     flows: [PassageFlow; MAX_PASSAGES],
-}
-
-impl Default for NetworkState {
-    fn default() -> NetworkState {
-        let zero = [0.0; MAX_CHAMBERS];
-        NetworkState {
-            pressure_pa: zero,
-            by_volume: zero,
-            by_oil: zero,
-            volume_rate: zero,
-            flows: [PassageFlow::default(); MAX_PASSAGES],
-        }
-    }
 }
 
 #[cfg(test)]
@@ -370,20 +437,11 @@ mod tests {
 
     /// One chamber behind a piston (coordinate 0), one reservoir at ambient pressure, and a passage from the one to the other.
     fn network(air_share: f64, law: Option<FlowLaw>) -> Network {
-        Network {
-            oil: oil(air_share),
-            chambers: vec![Chamber {
-                name: "high".into(),
-                volume_m3: VOLUME_M3,
-                pistons: vec![(0, AREA_M2)],
-                start_pa: 0.0,
-            }],
-            reservoirs: vec![Reservoir { name: "sump".into(), pressure_pa: 0.0 }],
-            passages: law
-                .into_iter()
-                .map(|law| Passage { path: "a".into(), ends: [PassageEnd::Chamber(0), PassageEnd::Reservoir(0)], law })
-                .collect(),
-        }
+        let high = Chamber { name: "high".into(), volume_m3: VOLUME_M3, pistons: vec![(0, AREA_M2)], start_pa: 0.0 };
+        let ends = [PassageEnd::Chamber(0), PassageEnd::Reservoir(0)];
+        let passages = law.into_iter().map(|law| Passage { path: "a".into(), ends, law }).collect();
+        let sump = Reservoir { name: "sump".into(), pressure_pa: 0.0 };
+        Network::new(oil(air_share), vec![high], vec![sump], passages)
     }
 
     fn filled(network: &Network) -> OilState {
@@ -544,6 +602,41 @@ mod tests {
         }
     }
 
+    #[test]
+    fn chambers_that_no_passage_joins_are_islands() {
+        use PassageEnd::{Chamber, Reservoir};
+        let ends = [
+            [Chamber(3), Reservoir(0)],
+            [Chamber(2), Chamber(4)],
+            [Reservoir(0), Reservoir(1)],
+            [Chamber(4), Chamber(0)],
+            [Reservoir(1), Chamber(0)],
+        ];
+        let island = |chambers: &[usize], passages: &[usize]| Island {
+            chambers: chambers.to_vec(),
+            passages: passages.to_vec(),
+        };
+        let known = [island(&[0, 2, 4], &[1, 3, 4]), island(&[1], &[]), island(&[3], &[0]), island(&[], &[2])];
+        assert_eq!(islands(5, &ends), known);
+    }
+
+    /// A chamber behaves to the bit as it does alone, whatever other chambers there are.
+    #[test]
+    fn islands_leave_each_other_alone() {
+        let orifice = Orifice { diameter_m: 1.2e-3, discharge: 0.7, transition_reynolds: TRANSITION_REYNOLDS };
+        let alone = network(0.03, Some(FlowLaw::Orifice(orifice)));
+        let mut both = alone.clone();
+        both.chambers.push(Chamber { name: "other".into(), volume_m3: 1e-7, pistons: vec![(0, 2e-5)], start_pa: 4e5 });
+        let ends = [PassageEnd::Reservoir(0), PassageEnd::Chamber(1)];
+        both.passages.insert(0, Passage { path: "b".into(), ends, law: leak(3e-13) });
+        let both = Network::new(both.oil, both.chambers, both.reservoirs, both.passages);
+        let run = |n: &Network| move_piston(n, (4e-6, 2000), |t| 0.3e-3 * sin_cos(900.0 * t).0, |_, _| ());
+        let (one, two) = (run(&alone), run(&both));
+        assert_eq!(one.pressure_pa[0].to_bits(), two.pressure_pa[0].to_bits());
+        assert_eq!((one.oil_m3[0], one.lost_j[0]), (two.oil_m3[0], two.lost_j[1]));
+        assert!(two.pressure_pa[1] != one.pressure_pa[0]);
+    }
+
     /// Oil goes from one place to the other and nowhere else, whatever the passages, two chambers in a row among them.
     #[test]
     fn oil_is_conserved() {
@@ -557,6 +650,7 @@ mod tests {
         ] {
             n.passages.push(Passage { path: path.into(), ends, law: FlowLaw::Orifice(orifice) });
         }
+        let n = Network::new(n.oil, n.chambers, n.reservoirs, n.passages);
         let start: f64 = filled(&n).oil_m3.iter().sum();
         let mut most = 0.0_f64;
         let end = move_piston(

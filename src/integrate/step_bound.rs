@@ -113,12 +113,28 @@ pub fn step_bound(model: &Model) -> StepBound {
             bounds.push(StepBound { step_s: CONTACT / libm::sqrt(stiffness), cause });
         }
     }
+    for cam in model.cams().filter(|cam| cam.valve != cam.follower) {
+        let Some(oil) = &model.oil else { break };
+        // Its oil is stiffest where the plunger has gone in.
+        let ways = model.touches.iter().filter_map(|t| match t.shape {
+            TouchShape::Between { back, limit_m, .. } if back == cam.follower => Some(limit_m),
+            TouchShape::Between { .. } | TouchShape::Stop { .. } | TouchShape::Tip { .. } | TouchShape::Cam(_) => None,
+        });
+        let mut inside = nowhere.clone();
+        inside[cam.valve] = ways.fold(0.0, f64::min);
+        let by = |k: usize| oil.stiffness_n_per_m(k, &inside) * model.coordinates[k].inverse_inertia();
+        let stiffness = by(cam.valve) + by(cam.follower);
+        if stiffness > 0.0 {
+            let cause = format!("oil of {}", model.coordinates[cam.follower].path);
+            bounds.push(StepBound { step_s: CONTACT / libm::sqrt(stiffness), cause });
+        }
+    }
     for touch in &model.touches {
         let gap = touch.shape.gap(&nowhere);
         // Where it lifts fastest.
         let steepest = match &touch.shape {
             TouchShape::Cam(cam) => cam.law.sweep(200).map(|a| cam.law.at(a).slope_m.abs()).fold(0.0, f64::max),
-            TouchShape::Stop { .. } | TouchShape::Pawl { .. } | TouchShape::Tip { .. } => 0.0,
+            TouchShape::Stop { .. } | TouchShape::Between { .. } | TouchShape::Tip { .. } => 0.0,
         };
         let slope = [gap.slope[0], if steepest > 0.0 { steepest } else { gap.slope[1] }];
         let by = |i: usize| slope[i].powi(2) * model.coordinates[gap.coordinates[i]].inverse_inertia();

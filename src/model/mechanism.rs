@@ -1,7 +1,7 @@
 //! Arms and sliders, what they touch, and the oil behind them.
 
 use super::{ArmModel, Model, PlacedDrive};
-use crate::drive::mechanism::{CheckSpec, OilSpec, PassageLaw, RatchetSpec, SliderSpec};
+use crate::drive::mechanism::{CheckSpec, OilSpec, PassageLaw, PistonSpec, RatchetSpec, SliderSpec};
 use crate::drive::{Drive, PreloadSpec};
 use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
@@ -208,33 +208,25 @@ fn network(spec: &OilSpec, slider: &dyn Fn(&str) -> Option<usize>, first_ball: u
         };
         passages.push(Passage { path: p.path.clone(), ends: [end(&p.ends[0]), end(&p.ends[1])], law });
     }
-    let piston = |(name, bore_m): &(String, f64)| slider(name).map(|k| (k, 0.25 * PI * bore_m * bore_m));
-    Network {
-        oil: spec.oil,
-        chambers: spec
-            .chambers
-            .iter()
-            .map(|c| Chamber {
-                name: c.name.clone(),
-                volume_m3: c.volume_m3,
-                pistons: c.piston.iter().filter_map(piston).collect(),
-                start_pa: c.start_pa,
-            })
-            .collect(),
-        reservoirs: spec
-            .reservoirs
-            .iter()
-            .map(|(name, pressure_pa)| Reservoir { name: name.clone(), pressure_pa: *pressure_pa })
-            .collect(),
-        passages,
-    }
+    let piston = |p: &PistonSpec| slider(&p.slider).map(|k| (k, p.sense * 0.25 * PI * p.bore_m * p.bore_m));
+    let chambers = spec.chambers.iter().map(|c| Chamber {
+        name: c.name.clone(),
+        volume_m3: c.volume_m3,
+        pistons: c.pistons.iter().filter_map(piston).collect(),
+        start_pa: c.start_pa,
+    });
+    let reservoir = |(name, pa): &(String, f64)| Reservoir { name: name.clone(), pressure_pa: *pa };
+    Network::new(spec.oil, chambers.collect(), spec.reservoirs.iter().map(reservoir).collect(), passages)
 }
 
 impl Model {
     /// Puts the oil of a drive in, and the balls of its check valves.
     pub fn add_oil(&mut self, drive: &Drive) {
         let Some(spec) = &drive.oil_with_effects() else { return };
-        let slider = |name: &str| self.sliders.iter().find(|s| s.name == name).map(|s| s.coordinate);
+        let slider = |name: &str| {
+            let of_tensioner = self.sliders.iter().find(|s| s.name == name).map(|s| s.coordinate);
+            of_tensioner.or_else(|| self.coordinates.iter().position(|c| c.path == name))
+        };
         let network = network(spec, &slider, self.coordinates.len());
         for p in &spec.passages {
             if let PassageLaw::Check(ball) = &p.law {
@@ -266,7 +258,7 @@ impl Model {
             });
             self.touches.push(Touch {
                 path: format!("sliders.{}.ratchet", spec.name),
-                shape: TouchShape::Pawl { slider, pawl, backlash_m: ratchet.backlash_m },
+                shape: TouchShape::Between { front: slider, back: pawl, limit_m: -ratchet.backlash_m, sense: -1.0 },
                 law: contact.law,
                 friction: 0.0,
                 stick_speed_m_s: contact.stick_speed_m_s,

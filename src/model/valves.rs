@@ -2,10 +2,12 @@
 
 use super::Model;
 use crate::drive::Drive;
+use crate::drive::lifters::LifterSpec;
 use crate::drive::valves::ValveSpec;
 use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
 use crate::elements::coupling::Coupling;
+use crate::elements::hydraulics::Chamber;
 use crate::geometry::unit;
 use crate::pairs::part_part::{CamTouch, Touch, TouchShape};
 use std::f64::consts::PI;
@@ -23,7 +25,7 @@ impl Model {
 
     fn add_valve(&mut self, drive: &Drive, spec: &ValveSpec, number: usize) {
         let Some([cam, seat]) = &drive.valve_contacts else { return };
-        let (path, follower) = (spec.path(number), self.coordinates.len());
+        let (path, valve) = (spec.path(number), self.coordinates.len());
         let parts = spec.spring_parts as f64;
         // A spring in parts presses on the valve with its preload, and with what its last part is shortened by.
         let is_whole = spec.spring_parts == 1;
@@ -32,7 +34,8 @@ impl Model {
             free: if is_whole { -spec.spring_n / spec.spring_n_per_m } else { 0.0 },
             damping: spec.damping_n_s_per_m,
         };
-        let preload_n = if is_whole { 0.0 } else { -spec.spring_n };
+        let lifter_n = spec.lifter.as_ref().map_or(0.0, |l| l.spring_n);
+        let preload_n = if is_whole { lifter_n } else { lifter_n - spec.spring_n };
         self.coordinates.push(slides(path.clone(), spec.moved_kg(), preload_n, spring));
         if !is_whole {
             let (k, m) = (parts * spec.spring_n_per_m, spec.spring_mass_kg / parts);
@@ -51,7 +54,7 @@ impl Model {
             }
             for i in 1..spec.spring_parts {
                 let own = first + i - 1;
-                let next = if i + 1 < spec.spring_parts { own + 1 } else { follower };
+                let next = if i + 1 < spec.spring_parts { own + 1 } else { valve };
                 let path = format!("{path}.spring.{i}");
                 self.couplings.push(Coupling {
                     path,
@@ -61,9 +64,11 @@ impl Model {
                 });
             }
         }
+        let follower = spec.lifter.as_ref().map_or(valve, |lifter| self.add_lifter(drive, lifter, &path, valve));
         let sprocket = &self.sprockets[spec.sprocket];
         let shape = TouchShape::Cam(CamTouch {
             follower,
+            valve,
             shaft: sprocket.coordinate,
             axis: sprocket.frame.origin,
             direction: unit(spec.direction_rad),
@@ -89,13 +94,36 @@ impl Model {
         };
         let on_cam = touch("cam", shape, cam, cam.friction, spec.base_m, spec.roller_m.unwrap_or(f64::INFINITY));
         let stop = TouchShape::Stop {
-            coordinate: follower,
-            limit: at_rest_m(seat.law, spec.spring_n),
+            coordinate: valve,
+            limit: at_rest_m(seat.law, spec.spring_n - spec.lifter.as_ref().map_or(0.0, LifterSpec::start_n)),
             sense: -1.0,
             lever_m: 1.0,
         };
         let on_seat = touch("seat", stop, seat, 0.0, SEAT_RADIUS_M, f64::INFINITY);
         self.touches.extend([on_cam, on_seat]);
+        if let Some(lifter) = &spec.lifter {
+            let end = |limit_m: f64, sense: f64| TouchShape::Between { front: valve, back: follower, limit_m, sense };
+            let on_end = |what: &str, shape: TouchShape| touch(what, shape, seat, 0.0, SEAT_RADIUS_M, f64::INFINITY);
+            let inner = on_end("lifter.in_mm", end(-lifter.in_m, -1.0));
+            let outer = lifter.out_m.map(|out_m| on_end("lifter.out_mm", end(out_m, 1.0)));
+            self.touches.push(inner);
+            self.touches.extend(outer);
+        }
+    }
+
+    /// Puts the lifter of a valve in; returns its coordinate, the way of what moves with the cam. Its oil is put in by [`Model::add_oil`].
+    fn add_lifter(&mut self, drive: &Drive, lifter: &LifterSpec, valve: &str, plunger: usize) -> usize {
+        let (path, follower) = (format!("{valve}.lifter"), self.coordinates.len());
+        self.coordinates.push(slides(path.clone(), lifter.mass_kg, -lifter.spring_n, CoordinateSpring::default()));
+        // The oil in the gap shears.
+        let viscosity_pa_s = drive.oil_with_effects().map_or(0.0, |oil| oil.oil.viscosity_pa_s);
+        self.couplings.push(Coupling {
+            path,
+            ends: [follower, plunger],
+            stiffness_nm_per_rad: lifter.spring_n_per_m,
+            damping_nm_s_per_rad: lifter.gap.damping_n_s_per_m(viscosity_pa_s),
+        });
+        follower
     }
 
     /// Turns the cams so that they give full lift at their phases after the start of the recording, `run_in_s` after the shafts stand as in
@@ -125,17 +153,17 @@ impl Model {
     }
 
     /// Coordinates of the masses of a valve's spring, from the head on.
-    pub fn spring_masses(&self, follower: usize) -> std::ops::Range<usize> {
-        let first = follower + 1;
+    pub fn spring_masses(&self, valve: usize) -> std::ops::Range<usize> {
+        let first = valve + 1;
         let count = self.coordinates[first..]
             .iter()
-            .take_while(|c| c.path.starts_with(&format!("{}.spring.", self.coordinates[follower].path)));
+            .take_while(|c| c.path.starts_with(&format!("{}.spring.", self.coordinates[valve].path)));
         first..first + count.count()
     }
 
-    /// Force of a valve's spring towards its seat where it has been lifted slowly [N].
-    pub fn valve_spring_n(&self, follower: usize, lift_m: f64) -> f64 {
-        let (own, masses) = (&self.coordinates[follower], self.spring_masses(follower));
+    /// Force of a valve's spring, less that of its lifter's, towards its seat where it has been lifted slowly [N].
+    pub fn valve_spring_n(&self, valve: usize, lift_m: f64) -> f64 {
+        let (own, masses) = (&self.coordinates[valve], self.spring_masses(valve));
         if masses.is_empty() {
             return -own.spring.force(lift_m) - own.load();
         }
@@ -143,11 +171,28 @@ impl Model {
         stiffness * lift_m - own.load()
     }
 
+    /// Force of a lifter's spring while the valve is closed and the cam does not lift [N].
+    pub fn lifter_preload_n(&self, cam: &CamTouch) -> f64 {
+        -self.coordinates[cam.follower].load()
+    }
+
+    /// How much shorter a lifter is under this force on its valve, with the oil that it holds while the valve is closed, where it is `now_m` shorter;
+    /// exact where that is the same [m].
+    pub fn lifter_yields_m(&self, cam: &CamTouch, now_m: f64, force_n: f64) -> f64 {
+        let Some(oil) = &self.oil else { return 0.0 };
+        let area_m2 = |c: &Chamber| c.pistons.iter().find(|(k, _)| *k == cam.valve).map(|(_, area)| *area);
+        let Some((chamber, area_m2)) = oil.chambers.iter().find_map(|c| Some((c, area_m2(c)?))) else { return 0.0 };
+        let spring = self.couplings.iter().find(|c| c.ends == [cam.follower, cam.valve]);
+        let spring_n = spring.map_or(0.0, |c| c.stiffness_nm_per_rad * now_m);
+        let [closed, open] = [chamber.start_pa, (force_n - spring_n) / area_m2].map(|p| oil.oil.at(p).volume);
+        chamber.volume_m3 * (1.0 - open / closed) / area_m2
+    }
+
     /// The cam of every valve.
     pub fn cams(&self) -> impl Iterator<Item = &CamTouch> {
         self.touches.iter().filter_map(|t| match &t.shape {
             TouchShape::Cam(cam) => Some(cam),
-            TouchShape::Stop { .. } | TouchShape::Pawl { .. } | TouchShape::Tip { .. } => None,
+            TouchShape::Stop { .. } | TouchShape::Between { .. } | TouchShape::Tip { .. } => None,
         })
     }
 }
@@ -172,7 +217,7 @@ fn at_rest_m(law: ContactLaw, force_n: f64) -> f64 {
 fn cams_mut(touches: &mut [Touch]) -> impl Iterator<Item = &mut CamTouch> {
     touches.iter_mut().filter_map(|t| match &mut t.shape {
         TouchShape::Cam(cam) => Some(cam),
-        TouchShape::Stop { .. } | TouchShape::Pawl { .. } | TouchShape::Tip { .. } => None,
+        TouchShape::Stop { .. } | TouchShape::Between { .. } | TouchShape::Tip { .. } => None,
     })
 }
 

@@ -3,7 +3,8 @@
 //! Each is one contact along the normal n of a gap g(q) of at most two coordinates:
 //! ```text
 //! stop            g = sense (limit - q) lever
-//! pawl            g = x - x_pawl + backlash   x_pawl: held, clicks on by a pitch as often as x is that far beyond it
+//! between         g = sense (limit - (x - x_back))    two sliders on one line; a pawl is one that is held, and clicks on by a pitch as often as x is
+//!                                                     that far beyond it
 //! tip, flat pad   g = n.(C - O) - offset - r          n turns with the arm, C moves along the slider's direction d
 //! tip, round pad  g = |D| - r - R,  D = C - c, n = D/|D|   c turns with the arm
 //! cam             g = x + lash - s(a)                 a: angle of the cam from full lift, x: lift of the follower along its direction
@@ -48,11 +49,12 @@ pub enum TouchShape {
         sense: f64,
         lever_m: f64,
     },
-    /// The pawl of a ratchet: the slider may go back by the backlash behind it.
-    Pawl {
-        slider: usize,
-        pawl: usize,
-        backlash_m: f64,
+    /// An end of the way of one slider along another: of a plunger before its pawl, of a valve behind its lifter; `sense` as of a stop.
+    Between {
+        front: usize,
+        back: usize,
+        limit_m: f64,
+        sense: f64,
     },
     Tip {
         slider: usize,
@@ -70,6 +72,8 @@ pub enum TouchShape {
 #[derive(Clone, Debug, PartialEq)]
 pub struct CamTouch {
     pub follower: usize,
+    /// The valve that it lifts: the follower itself, or what stands behind its lifter.
+    pub valve: usize,
     pub shaft: usize,
     /// Axis of the cam, and direction in which it lifts the follower.
     pub axis: Vec2,
@@ -162,13 +166,14 @@ impl TouchShape {
     pub fn renumbered(self, number: impl Fn(usize) -> usize) -> TouchShape {
         match self {
             TouchShape::Cam(cam) => {
-                TouchShape::Cam(CamTouch { follower: number(cam.follower), shaft: number(cam.shaft), ..cam })
+                let (follower, valve) = (number(cam.follower), number(cam.valve));
+                TouchShape::Cam(CamTouch { follower, valve, shaft: number(cam.shaft), ..cam })
             }
             TouchShape::Stop { coordinate, limit, sense, lever_m } => {
                 TouchShape::Stop { coordinate: number(coordinate), limit, sense, lever_m }
             }
-            TouchShape::Pawl { slider, pawl, backlash_m } => {
-                TouchShape::Pawl { slider: number(slider), pawl: number(pawl), backlash_m }
+            TouchShape::Between { front, back, limit_m, sense } => {
+                TouchShape::Between { front: number(front), back: number(back), limit_m, sense }
             }
             TouchShape::Tip { slider, centre, direction, radius_m, arm, pivot, pad } => {
                 TouchShape::Tip { slider: number(slider), centre, direction, radius_m, arm: number(arm), pivot, pad }
@@ -188,10 +193,10 @@ impl TouchShape {
                 point: Vec2::zeros(),
                 normal: Vec2::zeros(),
             },
-            TouchShape::Pawl { slider, pawl, backlash_m } => Gap {
-                gap_m: q[slider] - q[pawl] + backlash_m,
-                coordinates: [slider, pawl],
-                slope: [1.0, -1.0],
+            TouchShape::Between { front, back, limit_m, sense } => Gap {
+                gap_m: sense * (limit_m - (q[front] - q[back])),
+                coordinates: [front, back],
+                slope: [-sense, sense],
                 bend: [0.0; 3],
                 slide: [0.0; 2],
                 point: Vec2::zeros(),
@@ -381,6 +386,7 @@ mod tests {
         for (roller_m, sense) in [(None, 1.0), (Some(8e-3), 1.0), (None, -1.0), (Some(8e-3), -1.0)] {
             let cam = CamTouch {
                 follower: 0,
+                valve: 0,
                 shaft: 1,
                 axis,
                 direction,
@@ -423,6 +429,7 @@ mod tests {
         let law = Arc::new(LiftLaw::new(crate::elements::lift_law::polynomial(&[2, 6, 10]), 8e-3, 1.15, (0.1e-3, 0.2)));
         let cam = CamTouch {
             follower: 0,
+            valve: 0,
             shaft: 1,
             axis: Vec2::zeros(),
             direction: unit(1.0),

@@ -146,7 +146,7 @@ impl<'a> StaticProblem<'a> {
             add_rail(model, q, rail, free, &mut s);
         }
         // Pawls find their teeth when the drive has its place.
-        for touch in model.touches.iter().filter(|t| !matches!(t.shape, TouchShape::Pawl { .. })) {
+        for touch in model.touches.iter().filter(|t| !matches!(t.shape, TouchShape::Between { .. })) {
             add_touch(touch, q, free, &mut s);
         }
         add_end_contacts(model, q, (free, finder), &mut s);

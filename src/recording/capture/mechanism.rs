@@ -6,7 +6,7 @@
 
 use super::{fill, outline_element};
 use crate::drive::Drive;
-use crate::drive::mechanism::{OilSpec, PassageLaw, RatchetSpec, SliderSpec};
+use crate::drive::mechanism::{ChamberSpec, OilSpec, PassageLaw, RatchetSpec, SliderSpec};
 use crate::elements::hydraulics::PassageEnd;
 use crate::geometry::profile::Element;
 use crate::geometry::{Vec2, cross, perp, unit};
@@ -141,7 +141,7 @@ fn stops(model: &Model, coordinate: usize) -> [Option<f64>; 2] {
             TouchShape::Stop { coordinate: own, limit, sense, .. } if own == coordinate && sense == wanted => {
                 Some(limit)
             }
-            TouchShape::Stop { .. } | TouchShape::Pawl { .. } | TouchShape::Tip { .. } | TouchShape::Cam(_) => None,
+            TouchShape::Stop { .. } | TouchShape::Between { .. } | TouchShape::Tip { .. } | TouchShape::Cam(_) => None,
         })
     })
 }
@@ -316,9 +316,9 @@ struct DrawnBall {
 
 impl Plunger<'_> {
     fn of<'a>(spec: &'a SliderSpec, oil: Option<&'a OilSpec>) -> Plunger<'a> {
-        let is_own = |piston: &Option<(String, f64)>| piston.as_ref().is_some_and(|(name, _)| *name == spec.name);
-        let chamber = oil.and_then(|o| o.chambers.iter().find(|c| is_own(&c.piston)));
-        let bore_m = chamber.and_then(|c| c.piston.as_ref()).map(|(_, bore_m)| *bore_m);
+        let piston = |c: &ChamberSpec| c.pistons.iter().find(|p| p.slider == spec.name).map(|p| p.bore_m);
+        let chamber = oil.and_then(|o| o.chambers.iter().find(|c| piston(c).is_some()));
+        let bore_m = chamber.and_then(piston);
         let (tip_m, radius_m) = (spec.tip_radius_m, 0.5 * bore_m.unwrap_or(2.0 * spec.tip_radius_m));
         let shoulder_m = if tip_m > radius_m { libm::sqrt(tip_m * tip_m - radius_m * radius_m) } else { 0.0 };
         let (low_m, high_m) = (spec.low_m.unwrap_or(-radius_m), spec.high_m.unwrap_or(radius_m));
