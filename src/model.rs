@@ -38,7 +38,7 @@ use crate::elements::coupling::Coupling;
 use crate::elements::driver_motion::DriverMotion;
 use crate::elements::hydraulics::Network;
 use crate::elements::link_joint::LinkJoint;
-use crate::elements::load::{Load, OrderLoad};
+use crate::elements::load::{GasLoad, Load, OrderLoad};
 use crate::elements::span::ChainSpan;
 use crate::geometry::Vec2;
 use crate::geometry::chain::LinkShape;
@@ -263,6 +263,8 @@ pub struct Model {
     pub loads: Vec<Load>,
     /// Loads by orders of the driver.
     pub order_loads: Vec<OrderLoad>,
+    /// Gas on valves.
+    pub gas_loads: Vec<GasLoad>,
     /// Bearings that let sprockets, shafts and rails give way.
     pub bearings: Vec<BearingModel>,
     /// Coordinates of guides and rails that stand on mounts.
@@ -388,6 +390,7 @@ impl Model {
             oil: None,
             loads: Vec::new(),
             order_loads: Vec::new(),
+            gas_loads: Vec::new(),
             couplings: Vec::new(),
             spans: Vec::new(),
             bearings: Vec::new(),
@@ -440,6 +443,7 @@ impl Model {
             oil: None,
             loads: Vec::new(),
             order_loads: Vec::new(),
+            gas_loads: Vec::new(),
             couplings: Vec::new(),
             spans: Vec::new(),
             bearings: Vec::new(),

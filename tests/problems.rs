@@ -10,6 +10,20 @@ use problems::SmallProblem;
 /// Problems of the test.
 const PROBLEMS: std::ops::Range<u64> = 0..200;
 
+/// Problems that the fuzzer has found.
+const FOUND: [&[u8]; 1] = [
+    // Nothing is left of a record, so that no number has an error.
+    b"AFF\xd6F=\xd4#00000biiiiiiiiii\x18\x18\x18\x18\x18\x18\x18ii%\xd4\xdd\xd6",
+];
+
+#[test]
+fn problems_that_were_found_end_with_an_answer() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for bytes in FOUND {
+        assert!(SmallProblem::new(bytes, folder.path()).answers(folder.path()), "{bytes:?}");
+    }
+}
+
 #[test]
 fn any_small_problem_ends_with_an_answer_or_a_reason() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -98,6 +98,53 @@ fn a_follower_goes_where_its_cam_lifts_it() {
     assert!(worst[0] < 2e-6 && worst[1] < 2e-6 && worst[2] < 0.1 * largest);
 }
 
+/// With a rocker arm the valve goes further than its cam lifts, and presses on it with as much more: i (F0 + k i s + (m + J/l^2) i s'' w^2 + A p).
+#[test]
+fn rocker_arms_and_gas_load_their_cams() {
+    let more = "\n[valves.intake.rocker]\nratio = 1.5\ninertia_kg_m2 = 4e-5\narm_mm = 30\n\n[valves.intake.gas]\nhead_mm = 30\n\
+                angles_deg = [-180, -40, 0, 90]\npressures_bar = [0, 0, 6, 1]\n";
+    let spec = parsed(&format!("{VALVES}{more}"), &["speeds.constant.driver.speed_rpm=1500"]);
+    let a = assembled(&spec.unwrap_or_else(|e| panic!("{e}")));
+    let (model, own) = (&a.model, cams(&a.model));
+    let mass = 0.18 + 4e-5 / (0.03 * 0.03);
+    let (mut state, mut worst, mut largest, mut gas_most) = (a.state.clone(), [0.0_f64; 2], 0.0_f64, 0.0_f64);
+    let (mut camera, mut first, mut last, mut put_in) = (Camera::default(), None, 0.0, 0.0);
+    watch(model, &mut state, 25_000, |state, scratch| {
+        let q = &state.coordinates;
+        for (touch, cam) in &own {
+            let s = cam.lift(q.angle[cam.shaft]);
+            if s.lift_m > 0.5e-3 {
+                let angle = (cam.sense * q.angle[cam.shaft] + cam.offset_rad).to_degrees().rem_euclid(360.0);
+                let angle = if angle > 180.0 { angle - 360.0 } else { angle };
+                let bar = match angle {
+                    a if a < -40.0 => 0.0,
+                    a if a < 0.0 => 6.0 * (a + 40.0) / 40.0,
+                    a => 6.0 - 5.0 * a / 90.0,
+                };
+                let gas = bar * 1e5 * 0.25 * PI * 0.03 * 0.03;
+                let w = q.omega[cam.shaft];
+                let on_cam = 1.5 * (280.0 + 4e4 * 1.5 * s.lift_m + mass * 1.5 * s.bend_m * w * w + gas);
+                let force = scratch.touches().normal_force[*touch];
+                worst[0] = worst[0].max((q.angle[cam.valve] - 1.5 * (s.lift_m - on_cam / 4e7)).abs());
+                worst[1] = worst[1].max((force - on_cam).abs());
+                (largest, gas_most) = (largest.max(on_cam), gas_most.max(gas));
+            }
+        }
+        if state.step.is_multiple_of(1000) {
+            let frame = camera.take(model, state, scratch);
+            (last, put_in) = (frame.energy.error_j, frame.energy.put_in_j());
+            first.get_or_insert(last);
+            camera.give_back(frame);
+        }
+    });
+    let error = (last - first.expect("frames")) / put_in;
+    println!(
+        "off the cam {:.1e} m, off the rigid force {:.1} of {largest:.0} N, gas up to {gas_most:.0} N; energy error {error:.1e}",
+        worst[0], worst[1]
+    );
+    assert!(worst[0] < 4e-6 && worst[1] < 0.1 * largest && gas_most > 400.0 && error.abs() < 1e-4);
+}
+
 /// T = F ds/dtheta: what the cams turn their shaft with, by the lever of every force; and over whole turns springs give back what they take: what
 /// the shaft puts in is lost in the contacts.
 #[test]
@@ -299,6 +346,8 @@ fn what_cannot_be_is_refused_at_its_place() {
         (vec!["valves.intake.phases_deg=[]"], "one phase for each valve"),
         (vec!["valves.intake.spring_parts=4"], "without mass has no surge"),
         (vec!["valves.intake.lift_mm=3"], "lift_mm"),
+        (vec!["valves.intake.rocker.ratio=1.5", "valves.intake.rocker.inertia_kg_m2=1e-5"], "add `arm_mm`"),
+        (vec!["valves.intake.gas.head_mm=30", "valves.intake.gas.angles_deg=[0, 0]"], "not a table"),
     ] {
         let report = refused(&sets);
         assert!(report.contains(words) && report.contains("valves.intake"), "{sets:?}: {report}");

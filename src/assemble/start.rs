@@ -67,14 +67,17 @@ fn put_followers(model: &Model, state: &mut State) {
         if gap.gap_m >= 0.0 {
             continue;
         }
-        let (lift_m, speed) = (q.angle[cam.follower] - gap.gap_m, -gap.slope[1] * q.omega[cam.shaft]);
-        let bend = gap.bend[2] * q.omega[cam.shaft] * q.omega[cam.shaft];
+        let (lift_m, speed) =
+            (q.angle[cam.follower] - cam.ratio * gap.gap_m, -cam.ratio * gap.slope[1] * q.omega[cam.shaft]);
+        let bend = cam.ratio * gap.bend[2] * q.omega[cam.shaft] * q.omega[cam.shaft];
         let inertia_n = |k: usize| 1.0 / model.coordinates[k].inverse_inertia() * bend;
-        let (mut valve_m, mut force) = (lift_m, model.valve_spring_n(cam.valve, lift_m) - inertia_n(cam.valve));
+        let gas_n = model.gas_n(i, q.angle[cam.shaft]);
+        let holds_n = |valve_m: f64| model.valve_spring_n(cam.valve, valve_m) + gas_n - inertia_n(cam.valve);
+        let (mut valve_m, mut force) = (lift_m, holds_n(lift_m));
         if cam.valve != cam.follower {
             for _ in 0..LIFTER_ITERATIONS {
                 valve_m = lift_m - model.lifter_yields_m(cam, lift_m - valve_m, force);
-                force = model.valve_spring_n(cam.valve, valve_m) - inertia_n(cam.valve);
+                force = holds_n(valve_m);
             }
             force += model.lifter_preload_n(cam) - inertia_n(cam.follower);
         }
@@ -86,7 +89,7 @@ fn put_followers(model: &Model, state: &mut State) {
             let share = (n + 1) as f64 / parts;
             (q.angle[k], q.omega[k]) = (share * valve_m, share * speed);
         }
-        (state.touches.normal_force[i], state.touches.age[i]) = (force.max(0.0), 1.0);
+        (state.touches.normal_force[i], state.touches.age[i]) = (cam.ratio * force.max(0.0), 1.0);
     }
 }
 

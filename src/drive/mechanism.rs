@@ -519,9 +519,14 @@ pub(super) fn read_slit(t: &TomlTable<'_>, diameter_m: f64) -> AnnularGap {
     gap
 }
 
-/// Names of sliders, chambers and passages, for sensors.
-pub(super) fn parts<'a>(sliders: &'a [SliderSpec], oil: Option<&'a OilSpec>) -> MechanismNames<'a> {
+/// Names of sliders, valves, chambers and passages, for sensors.
+pub(super) fn parts<'a>(
+    sliders: &'a [SliderSpec],
+    valves: Vec<String>,
+    oil: Option<&'a OilSpec>,
+) -> MechanismNames<'a> {
     MechanismNames {
+        valves,
         sliders: sliders.iter().map(|s| s.name.as_str()).collect(),
         chambers: oil.iter().flat_map(|o| &o.chambers).map(|c| c.name.as_str()).collect(),
         passages: oil.iter().flat_map(|o| &o.passages).map(|p| crate::diag::last_name(&p.path)).collect(),

@@ -91,7 +91,7 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     let chain_names = chains.iter().map(|(name, _)| name.clone()).collect();
     several.finish();
     let driver = sprockets.iter().find(|s| matches!(s.outer, OuterSpec::Speed { .. })).map(|s| s.name.clone());
-    let parts = mechanism::parts(&sliders, oil.as_ref());
+    let parts = mechanism::parts(&sliders, valves::names(&valves), oil.as_ref());
     // In the order of the bodies: guides, then rails.
     let guide_names: Vec<&str> =
         guides.iter().map(|g| g.name.as_str()).chain(rails.iter().map(|r| r.name.as_str())).collect();

@@ -135,11 +135,11 @@ pub static SENSORS: [SensorKind; 10] = [
     },
     SensorKind {
         name: "displacement",
-        reads: "position of a slider",
+        reads: "position of a slider; links: or lift of a valve",
         unit: "m",
-        keys: "body",
+        keys: "body; links: or valve = \"VALVE.NUMBER\"",
         lumped: Some(LumpedReads::Position),
-        links: Some(|s| SensorReads::Slider(s.named("slider", "body", &s.targets.parts.sliders))),
+        links: Some(|s| s.displacement()),
         has_angle_errors: false,
     },
     SensorKind {
@@ -207,6 +207,14 @@ impl SensorTable<'_, '_> {
         SensorReads::Torque(k)
     }
 
+    fn displacement(&self) -> SensorReads {
+        if self.table.has("valve") {
+            let known: Vec<&str> = self.targets.parts.valves.iter().map(String::as_str).collect();
+            return SensorReads::Valve(self.named("valve", "valve", &known));
+        }
+        SensorReads::Slider(self.named("slider", "body", &self.targets.parts.sliders))
+    }
+
     fn force(&self) -> SensorReads {
         if self.table.has("tip") {
             return SensorReads::Tip(self.named("slider", "tip", &self.targets.parts.sliders));
@@ -232,8 +240,10 @@ pub enum SensorReads {
     Link(usize),
     /// Sum of the normal forces on this guide [N].
     Guide(usize),
-    /// Way of this slider from where it is drawn [m], and the force of its tip [N].
+    /// Way of this slider from where it is drawn [m].
     Slider(usize),
+    /// Lift of this valve, counted through all of them [m].
+    Valve(usize),
     /// Force of this slider's tip [N].
     Tip(usize),
     /// Gauge pressure in this chamber [Pa], and flow through this passage from its first end to its second [m3/s].
@@ -251,7 +261,7 @@ impl SensorReads {
             SensorReads::Acceleration(_) => "rad/s^2",
             SensorReads::Torque(_) => "N m",
             SensorReads::Span(_) | SensorReads::Link(_) | SensorReads::Guide(_) | SensorReads::Tip(_) => "N",
-            SensorReads::Slider(_) => "m",
+            SensorReads::Slider(_) | SensorReads::Valve(_) => "m",
             SensorReads::Pressure(_) => "Pa",
             SensorReads::Flow(_) => "m^3/s",
         }
@@ -277,9 +287,10 @@ pub fn is_signal(effect: &Effect) -> bool {
         && matches!(effect.on, On::Sensor | On::AngleSensor)
 }
 
-/// Names of sliders, chambers and passages.
+/// Names of sliders, valves, chambers and passages.
 pub struct MechanismNames<'a> {
     pub(super) sliders: Vec<&'a str>,
+    pub(super) valves: Vec<String>,
     pub(super) chambers: Vec<&'a str>,
     pub(super) passages: Vec<&'a str>,
 }

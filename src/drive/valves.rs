@@ -4,6 +4,8 @@
 //! [valves.NAME]                   body, phases_deg, direction_deg, base_radius_mm, roller_radius_mm, lash_um, mass_g, spring_n_per_mm, spring_n,
 //!                                 damping_n_s_per_m, spring_mass_g, spring_parts, spring_damping_percent
 //! [valves.NAME.lifter]            see `lifters`
+//! [valves.NAME.rocker]            ratio, inertia_kg_m2, arm_mm
+//! [valves.NAME.gas]               head_mm, angles_deg, pressures_bar
 //! [valves.NAME.lift.harmonic]     lift_mm, half_angle_deg, ramp_um, ramp_deg
 //! [valves.NAME.lift.polynomial]   likewise, powers
 //! [valves.NAME.lift.table]        angles_deg, lifts_mm
@@ -12,13 +14,41 @@
 
 use super::bearings::{BearingSpec, Carried};
 use super::lifters::{LifterSpec, read_lifter};
-use super::mechanism::OilSpec;
+use super::mechanism::{BAR, OilSpec};
 use super::reader::TomlTable;
 use super::{ContactSpec, ShaftSpec, SprocketDrive};
 use crate::elements::lift_law::{LiftLaw, LiftShape, LiftTable, polynomial};
+use crate::elements::load::PressureTable;
 use crate::units::{DEG, MM, UM};
 use std::f64::consts::PI;
 use std::sync::Arc;
+
+/// A rocker arm between cam and valve.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RockerSpec {
+    /// Way of the valve over the lift of the cam.
+    pub ratio: f64,
+    /// Moment of inertia about its pivot [kg m2].
+    pub inertia_kg_m2: f64,
+    /// Distance of the valve from the pivot [m].
+    pub arm_m: f64,
+}
+
+impl RockerSpec {
+    /// The mass at the valve that is as hard to move [kg].
+    pub fn moved_kg(&self) -> f64 {
+        self.inertia_kg_m2 / (self.arm_m * self.arm_m)
+    }
+}
+
+/// Gas on the head of a valve.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GasSpec {
+    /// Diameter of the head [m].
+    pub head_m: f64,
+    /// Pressure in the cylinder above that in the port, over the angle of the cam from full lift.
+    pub pressures: PressureTable,
+}
 
 /// Valves alike, each with a cam of its own on one shaft.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,6 +71,10 @@ pub struct ValveSpec {
     pub lash_m: f64,
     /// Hydraulic lifters between cams and valves.
     pub lifter: Option<LifterSpec>,
+    /// Rocker arms between cams and valves, or their lifters.
+    pub rocker: Option<RockerSpec>,
+    /// Gas on the heads.
+    pub gas: Option<GasSpec>,
     /// Mass of valve and follower, without the spring; with a lifter, of the valve [kg].
     pub mass_kg: f64,
     /// Stiffness of its spring [N/m].
@@ -91,20 +125,23 @@ impl ValveSpec {
 
     /// Mass that moves with the valve [kg].
     pub fn moved_kg(&self) -> f64 {
+        // Behind a lifter the rocker arm moves with that.
+        let rocker_kg = self.rocker.filter(|_| self.lifter.is_none()).map_or(0.0, |r| r.moved_kg());
         // A spring in parts has a mass at each joint of two parts. Half a part is left at each end: one moves with the valve, one stands in the head.
         let share = if self.spring_parts == 1 { 1.0 / 3.0 } else { 0.5 / self.spring_parts as f64 };
-        self.mass_kg + share * self.spring_mass_kg
+        self.mass_kg + rocker_kg + share * self.spring_mass_kg
     }
 
     /// Speed of the cam at which the spring can no longer hold the follower on it, as rigid parts [rad/s]; infinite where it always can.
     pub fn floats_at_rad_s(&self) -> f64 {
         let lifter_kg = self.lifter.as_ref().map_or(0.0, |l| l.mass_kg);
-        let mass_kg = self.mass_kg + lifter_kg + self.spring_mass_kg / 3.0;
+        let (ratio, rocker_kg) = self.rocker.map_or((1.0, 0.0), |r| (r.ratio, r.moved_kg()));
+        let mass_kg = self.mass_kg + lifter_kg + rocker_kg + self.spring_mass_kg / 3.0;
         let bound = |angle: f64| {
             let s = self.law.at(angle);
-            let opened_m = s.lift_m - self.lash_m;
+            let (opened_m, bend_m) = (ratio * (s.lift_m - self.lash_m), ratio * s.bend_m);
             let holds = self.spring_n + self.spring_n_per_m * opened_m;
-            if opened_m > 0.0 && s.bend_m < 0.0 { libm::sqrt(holds / (-s.bend_m * mass_kg)) } else { f64::INFINITY }
+            if opened_m > 0.0 && bend_m < 0.0 { libm::sqrt(holds / (-bend_m * mass_kg)) } else { f64::INFINITY }
         };
         self.law.sweep(SWEEP).map(bound).fold(f64::INFINITY, f64::min)
     }
@@ -154,6 +191,12 @@ pub(super) fn lifters(valves: &[ValveSpec]) -> Vec<(String, &LifterSpec)> {
         lifter.iter().flat_map(move |l| (0..phases_rad.len()).map(move |n| (v.path(n), l)))
     };
     valves.iter().flat_map(of).collect()
+}
+
+/// Name of every valve: its path below `valves`.
+pub(super) fn names(valves: &[ValveSpec]) -> Vec<String> {
+    let name = |path: String| path.trim_start_matches("valves.").to_string();
+    valves.iter().flat_map(|v| (0..v.phases_rad.len()).map(move |n| name(v.path(n)))).collect()
 }
 
 /// `[valves.NAME]`.
@@ -209,6 +252,8 @@ fn read_valve(name: String, t: &TomlTable<'_>, carriers: &CamCarriers<'_>) -> Va
     }
     let spec = ValveSpec {
         lifter,
+        rocker: read_rocker(&t.table("rocker")),
+        gas: read_gas(&t.table("gas")),
         sprocket: sprocket.unwrap_or(0),
         phases_rad: t.list("phases_deg", DEG, -3600.0..=3600.0).unwrap_or_else(|| vec![0.0]),
         direction_rad: t.number("direction_deg", DEG, -360.0..=360.0).unwrap_or(0.5 * PI),
@@ -230,6 +275,41 @@ fn read_valve(name: String, t: &TomlTable<'_>, carriers: &CamCarriers<'_>) -> Va
     }
     check_contour(t, &spec);
     spec
+}
+
+fn read_rocker(t: &TomlTable<'_>) -> Option<RockerSpec> {
+    if !t.is_present() {
+        return None;
+    }
+    let ratio = t.required("ratio", 1.0, 0.1..=10.0);
+    let inertia_kg_m2 = t.number("inertia_kg_m2", 1.0, 0.0..=1e3).unwrap_or(0.0);
+    let arm_m = t.number("arm_mm", MM, 0.1..=1e4);
+    if inertia_kg_m2 > 0.0 && arm_m.is_none() {
+        t.error_at(
+            "inertia_kg_m2",
+            "how far the valve is from the pivot is not said".into(),
+            Some("add `arm_mm`".into()),
+        );
+    }
+    t.finish();
+    Some(RockerSpec { ratio, inertia_kg_m2, arm_m: arm_m.unwrap_or(1.0) })
+}
+
+fn read_gas(t: &TomlTable<'_>) -> Option<GasSpec> {
+    if !t.is_present() {
+        return None;
+    }
+    let head_m = t.required("head_mm", MM, 0.1..=1e3);
+    let angles = t.list("angles_deg", DEG, -180.0..=180.0).unwrap_or_default();
+    let pressures = t.list("pressures_bar", BAR, -10.0..=1e3).unwrap_or_default();
+    let counts = (angles.len(), pressures.len());
+    let pressures = PressureTable::new(angles, pressures);
+    if pressures.is_none() {
+        let title = format!("{} angles, {} pressures: not a table", counts.0, counts.1);
+        t.error(title, Some("give at least two of each, the angles rising from -180 to 180 at most".into()));
+    }
+    t.finish();
+    Some(GasSpec { head_m, pressures: pressures? })
 }
 
 /// A cam whose contour would cut itself under its follower.

@@ -400,11 +400,11 @@ pub fn standard_errors_off(model: &FittedModel, global: usize) -> f64 {
     let concerned = |k: &usize| !model.fit.residuals[*k].is_empty() && problem.concerns(global, *k);
     let parts: Vec<usize> = (0..problem.data.segments.len()).filter(concerned).collect();
     let information: f64 = parts.iter().map(|k| model.fit.jacobians[*k].column(global).norm_squared()).sum();
-    // Runs on a grid are linear between its points.
-    if problem.is_on_grid(global) || information <= 0.0 {
+    let variance = inflation(model);
+    // Runs on a grid are linear between its points; where nothing is left, no number has an error.
+    if problem.is_on_grid(global) || information <= 0.0 || variance <= 0.0 {
         return 1.0;
     }
-    let variance = inflation(model);
     let square = |r: &[f64]| r.iter().map(|r| r * r).sum::<f64>();
     let here: f64 = parts.iter().map(|k| square(&model.fit.residuals[*k])).sum();
     let rise = |x: f64| {

@@ -39,12 +39,15 @@ pub(super) fn to_usual_form(numbers: &mut [WaveNumber]) {
 mod tests {
     use super::*;
 
+    /// Kind, record and value of a number.
+    type Number = (Kind, Option<&'static str>, f64);
+
     /// The wave has the same values before and after, whatever has a value for each record.
     #[test]
     fn the_usual_form_is_the_same_wave() {
         use Kind::{Amplitude, Phase};
         // The last column: whether an amplitude stays negative, because the records share a phase.
-        let cases: [(&[(Kind, Option<&str>, f64)], bool); 5] = [
+        let cases: [(&[Number], bool); 5] = [
             (&[(Amplitude, None, -2.0), (Phase, None, 856.0)], false),
             (&[(Amplitude, None, -2.0), (Phase, Some("a"), -190.0), (Phase, Some("b"), 3016.0)], false),
             (&[(Amplitude, Some("a"), -2.0), (Amplitude, Some("b"), -1.0), (Phase, None, 40.0)], false),
@@ -60,7 +63,7 @@ mod tests {
             ),
         ];
         for (case, stays_negative) in cases {
-            let number = |(kind, record, value): &(Kind, Option<&str>, f64)| WaveNumber {
+            let number = |(kind, record, value): &Number| WaveNumber {
                 kind: *kind,
                 record: record.map(String::from),
                 value: *value,

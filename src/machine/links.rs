@@ -93,6 +93,7 @@ impl Machine {
                 | SensorReads::Link(_)
                 | SensorReads::Guide(_)
                 | SensorReads::Slider(_)
+                | SensorReads::Valve(_)
                 | SensorReads::Tip(_)
                 | SensorReads::Pressure(_)
                 | SensorReads::Flow(_) => Reads::Part(s.reads.unit()),

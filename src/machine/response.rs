@@ -280,6 +280,7 @@ impl PeriodicResponse {
                 | SensorReads::Link(_)
                 | SensorReads::Guide(_)
                 | SensorReads::Slider(_)
+                | SensorReads::Valve(_)
                 | SensorReads::Tip(_)
                 | SensorReads::Pressure(_)
                 | SensorReads::Flow(_) => None,

@@ -97,8 +97,8 @@ impl Model {
 
     /// Whether there are forces on coordinates besides those of the chain, of touches and of oil.
     pub fn has_shaft_forces(&self) -> bool {
-        !(self.loads.is_empty() && self.order_loads.is_empty() && self.couplings.is_empty() && self.spans.is_empty())
-            || self.has_films()
+        let has_loads = !(self.loads.is_empty() && self.order_loads.is_empty() && self.gas_loads.is_empty());
+        has_loads || !(self.couplings.is_empty() && self.spans.is_empty()) || self.has_films()
     }
 
     /// Whether something on coordinates loses energy.

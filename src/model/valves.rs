@@ -8,6 +8,7 @@ use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
 use crate::elements::coupling::Coupling;
 use crate::elements::hydraulics::Chamber;
+use crate::elements::load::GasLoad;
 use crate::geometry::unit;
 use crate::pairs::part_part::{CamTouch, Touch, TouchShape};
 use std::f64::consts::PI;
@@ -64,7 +65,11 @@ impl Model {
                 });
             }
         }
-        let follower = spec.lifter.as_ref().map_or(valve, |lifter| self.add_lifter(drive, lifter, &path, valve));
+        let rocker_kg = spec.rocker.map_or(0.0, |r| r.moved_kg());
+        let follower = match &spec.lifter {
+            None => valve,
+            Some(lifter) => self.add_lifter((drive, lifter, rocker_kg), &path, valve),
+        };
         let sprocket = &self.sprockets[spec.sprocket];
         let shape = TouchShape::Cam(CamTouch {
             follower,
@@ -78,6 +83,7 @@ impl Model {
             base_m: spec.base_m,
             roller_m: spec.roller_m,
             lash_m: spec.lash_m,
+            ratio: spec.rocker.map_or(1.0, |r| r.ratio),
         });
         let touch = |what: &str,
                      shape: TouchShape,
@@ -100,6 +106,13 @@ impl Model {
             lever_m: 1.0,
         };
         let on_seat = touch("seat", stop, seat, 0.0, SEAT_RADIUS_M, f64::INFINITY);
+        let gas = spec.gas.as_ref().map(|gas| GasLoad {
+            path: format!("{path}.gas"),
+            cam: self.touches.len(),
+            area_m2: 0.25 * PI * gas.head_m * gas.head_m,
+            pressures: gas.pressures.clone(),
+        });
+        self.gas_loads.extend(gas);
         self.touches.extend([on_cam, on_seat]);
         if let Some(lifter) = &spec.lifter {
             let end = |limit_m: f64, sense: f64| TouchShape::Between { front: valve, back: follower, limit_m, sense };
@@ -112,9 +125,15 @@ impl Model {
     }
 
     /// Puts the lifter of a valve in; returns its coordinate, the way of what moves with the cam. Its oil is put in by [`Model::add_oil`].
-    fn add_lifter(&mut self, drive: &Drive, lifter: &LifterSpec, valve: &str, plunger: usize) -> usize {
+    fn add_lifter(
+        &mut self,
+        (drive, lifter, rocker_kg): (&Drive, &LifterSpec, f64),
+        valve: &str,
+        plunger: usize,
+    ) -> usize {
         let (path, follower) = (format!("{valve}.lifter"), self.coordinates.len());
-        self.coordinates.push(slides(path.clone(), lifter.mass_kg, -lifter.spring_n, CoordinateSpring::default()));
+        let mass_kg = lifter.mass_kg + rocker_kg;
+        self.coordinates.push(slides(path.clone(), mass_kg, -lifter.spring_n, CoordinateSpring::default()));
         // The oil in the gap shears.
         let viscosity_pa_s = drive.oil_with_effects().map_or(0.0, |oil| oil.oil.viscosity_pa_s);
         self.couplings.push(Coupling {
@@ -169,6 +188,13 @@ impl Model {
         }
         let stiffness = self.coordinates[masses.start].spring.stiffness / (masses.len() + 1) as f64;
         stiffness * lift_m - own.load()
+    }
+
+    /// Force of the gas towards the seat of the valve whose cam touches it there, where the shaft stands at `turn_rad` [N].
+    pub fn gas_n(&self, cam_touch: usize, turn_rad: f64) -> f64 {
+        let TouchShape::Cam(cam) = &self.touches[cam_touch].shape else { return 0.0 };
+        let own = self.gas_loads.iter().filter(|gas| gas.cam == cam_touch);
+        own.map(|gas| gas.area_m2 * gas.pressures.at(cam.angle_rad(turn_rad))).sum()
     }
 
     /// Force of a lifter's spring while the valve is closed and the cam does not lift [N].

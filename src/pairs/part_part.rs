@@ -7,7 +7,7 @@
 //!                                                     that far beyond it
 //! tip, flat pad   g = n.(C - O) - offset - r          n turns with the arm, C moves along the slider's direction d
 //! tip, round pad  g = |D| - r - R,  D = C - c, n = D/|D|   c turns with the arm
-//! cam             g = x + lash - s(a)                 a: angle of the cam from full lift, x: lift of the follower along its direction
+//! cam             g = x/i + lash - s(a)               a: angle of the cam from full lift, x: lift of the follower along its direction, i: of a rocker arm
 //! ```
 //! A flat follower touches its cam at the distance R_b + s from the axis along the direction and s' beside it, so that F s' is the torque of the
 //! force F about the axis, and the cam slides below it with (R_b + s) times its speed. A roller follower's law is the lift of its centre;
@@ -89,12 +89,19 @@ pub struct CamTouch {
     pub roller_m: Option<f64>,
     /// Gap on the base circle [m].
     pub lash_m: f64,
+    /// Way of the follower over that at its cam: that of a rocker arm between them.
+    pub ratio: f64,
 }
 
 impl CamTouch {
+    /// Angle of the cam from full lift, in the shaft's own sense, where the shaft stands at `turn_rad` [rad].
+    pub fn angle_rad(&self, turn_rad: f64) -> f64 {
+        self.sense * turn_rad + self.offset_rad
+    }
+
     /// Lift where the shaft stands at `turn_rad`, with its derivatives in the shaft's own sense.
     pub fn lift(&self, turn_rad: f64) -> Lift {
-        self.law.at(self.sense * turn_rad + self.offset_rad)
+        self.law.at(self.angle_rad(turn_rad))
     }
 
     /// Gap, where the shaft and the follower stand.
@@ -113,9 +120,9 @@ impl CamTouch {
             }
         };
         Gap {
-            gap_m: lift_m + self.lash_m - s.lift_m,
+            gap_m: lift_m / self.ratio + self.lash_m - s.lift_m,
             coordinates: [self.follower, self.shaft],
-            slope: [1.0, -s.slope_m],
+            slope: [1.0 / self.ratio, -s.slope_m],
             bend: [0.0, 0.0, -s.bend_m],
             slide: [0.0, sliding],
             point: self.axis + self.direction * along - perp(self.direction) * beside,
@@ -387,6 +394,7 @@ mod tests {
             let cam = CamTouch {
                 follower: 0,
                 valve: 0,
+                ratio: 1.0,
                 shaft: 1,
                 axis,
                 direction,
@@ -430,6 +438,7 @@ mod tests {
         let cam = CamTouch {
             follower: 0,
             valve: 0,
+            ratio: 1.0,
             shaft: 1,
             axis: Vec2::zeros(),
             direction: unit(1.0),

@@ -74,7 +74,7 @@ impl LiftOffWatch {
             if *watched.began_in_flight.get_or_insert(true) {
                 continue;
             }
-            let gap_m = state.coordinates.angle[cam.follower] + cam.lash_m - lift_m;
+            let gap_m = state.coordinates.angle[cam.follower] / cam.ratio + cam.lash_m - lift_m;
             let found = watched.found.get_or_insert_with(|| LiftOff {
                 valve: watched.valve.clone(),
                 count: 0,

@@ -5,6 +5,7 @@ use crate::elements::coordinate::CoordinateMotion;
 use crate::elements::driver_motion::sum_of_cosines;
 use crate::elements::span::ChainSpan;
 use crate::model::Model;
+use crate::pairs::part_part::TouchShape;
 use crate::recording::frame::Energy;
 use crate::state::State;
 
@@ -36,6 +37,11 @@ pub(super) fn forces(model: &Model, state: &State, scratch: &mut Scratch) {
         let turn_rad = motion.turn_rad(time_s(model, state, scratch));
         for load in &model.order_loads {
             scratch.working_force[load.coordinate] -= load.sense * sum_of_cosines(&load.harmonics, turn_rad);
+        }
+    }
+    for gas in &model.gas_loads {
+        if let TouchShape::Cam(cam) = &model.touches[gas.cam].shape {
+            scratch.working_force[cam.valve] -= gas.area_m2 * gas.pressures.at(cam.angle_rad(q.angle[cam.shaft]));
         }
     }
     for coupling in &model.couplings {
