@@ -347,11 +347,14 @@ fn problem<'a>(forward: &Problem<'a>, inverse: &'a InverseRecords) -> Problem<'a
         fixed: forward.fixed.clone(),
         folded: false,
         correction: 0.0,
-        max_steps: forward.max_steps,
+        max_steps: forward.max_steps.min(STEPS_OF_A_SWING),
         runs: forward.runs,
         ending: forward.ending,
     }
 }
+
+/// Steps for a sample at most: those for a swing of an added body. Samples show no swing that is faster than half of that.
+const STEPS_OF_A_SWING: f64 = 32.0;
 
 /// Weight of a channel over its force at least, so that no residual reaches the size at which a run counts as run away.
 const LEAST_WEIGHT: f64 = 1e-4;
@@ -447,7 +450,9 @@ pub fn second_voice(model: &FittedModel, context: &Context) -> Option<InverseDyn
     let inverse = problem(forward, &records);
     let start = Point { globals: model.fit.point.globals.clone(), locals: inverse.start().locals };
     let found = fit_model(inverse, &start, &own, Vec::new(), context.threads, FIT_ITERATIONS);
-    let common = |g: &usize| found.problem.globals[*g].record.is_none();
+    // The gain of a sensor whose motion is prescribed does not show.
+    let shows = |g: usize| found.fit.jacobians.iter().any(|j| j.nrows() > 0 && j.column(g).amax() > 0.0);
+    let common = |g: &usize| found.problem.globals[*g].record.is_none() && shows(*g);
     let numbers = (0..found.problem.globals.len()).filter(common).map(|g| {
         let global = &found.problem.globals[g];
         let slot = &found.problem.machine.slots[global.slot];
