@@ -148,9 +148,66 @@ fn a_lifter_is_a_column_of_oil_that_sinks_and_fills_up_again() {
     assert!(balls > 10e-6 && longer.abs() < 3e-6 && state.coordinates.angle[cam.valve].abs() < 1e-6);
 }
 
-/// Where the lifter holds little oil, or its gap is wide, the plunger goes in to its end, and the valve opens by so much less.
+/// At speed the mass on the cam is that of valve, follower and rocker arm, the one on the plunger that of the valve: the slope of the force, less that of
+/// the spring, over the acceleration of the lift.
 #[test]
-fn an_empty_lifter_goes_in_to_its_end() {
+fn masses_are_where_the_file_puts_them() {
+    let rocker = "\n[valves.intake.rocker]\nratio = 1.4\ninertia_kg_m2 = 9e-5\narm_mm = 30\n";
+    let spec = parsed(&format!("{LIFTER}{rocker}"), &["speeds.constant.driver.speed_rpm=2400"]);
+    let a = assembled(&spec.unwrap_or_else(|e| panic!("{e}")));
+    let (model, cam) = (&a.model, cam(&a));
+    let touch = model.touches.iter().position(|t| t.path == "valves.intake.cam").expect("a cam");
+    let (mut sums, mut state) = ([[0.0; 3]; 2], a.state.clone());
+    watch(model, &mut state, 50_000, |state, scratch| {
+        let (q, w) = (&state.coordinates, state.coordinates.omega[cam.shaft]);
+        let s = cam.lift(q.angle[cam.shaft]);
+        if s.lift_m < 0.5e-3 {
+            return;
+        }
+        let (x, spring) = (1.4 * s.bend_m * w * w, 280.0 + 4e4 * q.angle[cam.valve]);
+        let on_plunger = state.oil.pressure_pa[0] * AREA_M2 + 15.0 - spring;
+        let on_cam = scratch.touches().normal_force[touch] / 1.4 - spring;
+        for (sum, y) in sums.iter_mut().zip([on_plunger, on_cam]) {
+            *sum = [sum[0] + x * x, sum[1] + x * y, sum[2] + 1.0];
+        }
+    });
+    let [valve, all] = sums.map(|[xx, xy, _]| xy / xx);
+    println!("{:.1} g on the plunger, {:.1} g on the cam", valve * 1e3, all * 1e3);
+    assert!((valve / 0.12 - 1.0).abs() < 0.03 && (all / (0.12 + 0.06 + 0.1) - 1.0).abs() < 0.03, "{valve} {all}");
+}
+
+/// A run begins with finite pressures and no valve in its seat, wherever its cam stands and however fast: on a ramp, at full lift beyond the speed at
+/// which springs hold followers, and with more air than the plunger has way.
+#[test]
+fn a_run_begins_with_every_cam_where_it_may_stand() {
+    for (rpm, phase, more) in [
+        (10_000, 0.0, "oil.air_percent=2"),
+        (3000, 64.0, "oil.air_percent=5"),
+        (3000, 20.0, "oil.air_percent=20"),
+        (3000, 100.0, "oil.air_percent=2"),
+    ] {
+        let speed = format!("speeds.constant.driver.speed_rpm={rpm}");
+        let phase = format!("valves.intake.phases_deg=[{phase}]");
+        let a = drive(&[&speed, &phase, more, "run.run_in_ms=0", "valves.intake.lifter.in_mm=0.3"]);
+        let (cam, q) = (cam(&a), &a.state.coordinates);
+        let shorter = q.angle[cam.follower] - q.angle[cam.valve];
+        let seat_n = 6e7 * -q.angle[cam.valve];
+        println!(
+            "{rpm} 1/min: lift {:.3} mm, {shorter:.2e} m shorter, {:.1} bar",
+            q.angle[cam.follower] * 1e3,
+            a.state.oil.pressure_pa[0] * 1e-5
+        );
+        assert!(a.state.oil.pressure_pa[0].is_finite() && seat_n < 20.0, "{rpm} {phase}: {seat_n}");
+        assert!((-20e-6..320e-6).contains(&shorter), "{rpm} {phase}: {shorter}");
+        let mut state = a.state.clone();
+        watch(&a.model, &mut state, 200, |_, _| {});
+        assert!(state.oil.pressure_pa[0].is_finite());
+    }
+}
+
+/// Where the gap is wide, the plunger goes in to its end, and the valve opens by so much less.
+#[test]
+fn a_lifter_that_leaks_goes_in_to_its_end() {
     let a = drive(&[
         "speeds.constant.driver.speed_rpm=600",
         "valves.intake.lifter.leak.gap_um=60",
@@ -177,9 +234,10 @@ fn the_ledger_closes_and_runs_resume() {
         "contact.cam.friction=0.08",
         "speeds.constant.driver.speed_rpm=6000",
     ];
-    let a = drive(&sets);
+    let sensor = "\n[sensors.displacement.lift]\nvalve = \"intake.2\"\n";
+    let drive = parsed(&format!("{LIFTER}{sensor}"), &sets).unwrap_or_else(|e| panic!("{e}"));
+    let a = assembled(&drive);
     let model = &a.model;
-    let drive = parsed(LIFTER, &sets).expect("a drive");
     let oil = model.oil.as_ref().expect("oil");
     assert_eq!(drive.row_paths(Rows::Slider).len(), model.coordinates.len() - model.n_turning());
     let sliding: Vec<&str> = model.coordinates[model.n_turning()..].iter().map(|c| c.path.as_str()).collect();
@@ -189,7 +247,7 @@ fn the_ledger_closes_and_runs_resume() {
     assert_eq!(drive.row_paths(Rows::Chamber)[..2], ["chambers.intake_1_lifter", "chambers.intake_2_lifter"]);
     assert_eq!(drive.row_paths(Rows::Passage).len(), oil.passages.len());
     let (mut state, mut camera) = (a.state.clone(), Camera::default());
-    let (mut first, mut last, mut put_in) = (None, 0.0, 0.0);
+    let (mut first, mut last, mut put_in, mut unbalanced) = (None, 0.0, 0.0, 0.0_f64);
     let all_oil = |state: &pitchline::state::State| state.oil.oil_m3.iter().chain(&state.oil.inflow_m3).sum::<f64>();
     let before = all_oil(&state);
     watch(model, &mut state, 25_000, |state, scratch| {
@@ -197,13 +255,22 @@ fn the_ledger_closes_and_runs_resume() {
             let frame = camera.take(model, state, scratch);
             (last, put_in) = (frame.energy.error_j, frame.energy.put_in_j());
             first.get_or_insert(last);
+            // The forces on everything that slides are its mass times its acceleration.
+            let s = &frame.sliders;
+            for (row, c) in model.coordinates[model.n_turning()..].iter().enumerate() {
+                let sum = s.spring_force_n[row] + s.oil_force_n[row] + s.touch_force_n[row];
+                let needs = scratch.coordinate_alpha()[model.n_turning() + row] / c.inverse_inertia();
+                unbalanced = unbalanced.max((sum - needs).abs());
+            }
+            let lift = frame.sensors.last().copied().expect("a sensor");
+            assert_eq!(lift, s.position_m[sliding.iter().position(|p| *p == "valves.intake.2").expect("there")]);
             camera.give_back(frame);
         }
     });
     let error = (last - first.expect("frames")) / put_in;
     let moved = (all_oil(&state) / before - 1.0).abs();
-    println!("energy error {error:.1e} of {put_in:.1} J; oil {moved:.1e}");
-    assert!(error.abs() < 1e-4 && moved < 1e-9);
+    println!("energy error {error:.1e} of {put_in:.1} J; oil {moved:.1e}; forces {unbalanced:.1e} N off");
+    assert!(error.abs() < 1e-4 && moved < 1e-9 && unbalanced < 1e-6);
     let keyframe = state.keyframe();
     let mut resumed = a.state.clone();
     resumed.restore(&keyframe).expect("the same drive");
@@ -251,9 +318,15 @@ fn what_cannot_be_is_refused_at_its_place() {
         (vec!["valves.intake.lifter.ball.ball_mm=2"], "falls through its seat"),
         (vec!["valves.intake.lifter.leak.gap_um=2000"], "too wide"),
         (vec!["valves.intake.lifter.gap_um=8"], "gap_um"),
+        (vec!["valves.intake.lifter.pressure_bar=1", "reservoirs.gallery.pressure_bar=40"], "holds the valve open"),
     ] {
         let report = parsed(LIFTER, &sets).map(|d| d.name).expect_err("accepted");
         assert!(report.contains(words) && report.contains("valves.intake"), "{sets:?}: {report}");
+    }
+    let leak = "\n[passages.leak.intake_lifter_ball]\nbetween = [\"gallery\", \"sump\"]\ndiameter_mm = 5\ngap_um = 5\nlength_mm = 5\n";
+    for taken in [leak, "\n[reservoirs.intake_lifter]\npressure_bar = 1\n"] {
+        let report = parsed(&format!("{LIFTER}{taken}"), &[]).map(|d| d.name).expect_err("twice");
+        assert!(report.contains("is the name of a part of the lifter"), "{report}");
     }
     let dry = &LIFTER[..LIFTER.find("[oil]").expect("there")];
     let contacts = &LIFTER[LIFTER.find("[contact.cam]").expect("there")..];

@@ -58,43 +58,43 @@ pub(super) fn moving_state(model: &Model, at: &Equilibrium) -> Result<State, Ass
 }
 
 /// Puts followers on their cams, as fast as these lift them, with the force of their springs; those on the base circle stay on their seats. The
-/// masses of a spring stand and move in proportion. The oil of a lifter is what it was while the valve was closed.
+/// masses of a spring stand and move in proportion. The oil of a lifter is what it was while the valve was closed; its follower is on its cam all round.
 fn put_followers(model: &Model, state: &mut State) {
     for (i, touch) in model.touches.iter().enumerate() {
         let TouchShape::Cam(cam) = &touch.shape else { continue };
         let q = &mut state.coordinates;
         let gap = touch.shape.gap(&q.angle);
+        let has_lifter = cam.valve != cam.follower;
         if gap.gap_m >= 0.0 {
             continue;
         }
-        let (lift_m, speed) =
-            (q.angle[cam.follower] - cam.ratio * gap.gap_m, -cam.ratio * gap.slope[1] * q.omega[cam.shaft]);
+        let lift_m = match has_lifter {
+            true => cam.ratio * cam.lift(q.angle[cam.shaft]).lift_m,
+            false => q.angle[cam.follower] - cam.ratio * gap.gap_m,
+        };
+        let speed = -cam.ratio * gap.slope[1] * q.omega[cam.shaft];
         let bend = cam.ratio * gap.bend[2] * q.omega[cam.shaft] * q.omega[cam.shaft];
         let inertia_n = |k: usize| 1.0 / model.coordinates[k].inverse_inertia() * bend;
         let gas_n = model.gas_n(i, q.angle[cam.shaft]);
-        let holds_n = |valve_m: f64| model.valve_spring_n(cam.valve, valve_m) + gas_n - inertia_n(cam.valve);
-        let (mut valve_m, mut force) = (lift_m, holds_n(lift_m));
-        if cam.valve != cam.follower {
-            for _ in 0..LIFTER_ITERATIONS {
-                valve_m = lift_m - model.lifter_yields_m(cam, lift_m - valve_m, force);
-                force = holds_n(valve_m);
-            }
+        let rests_n = |valve_m: f64| model.valve_spring_n(cam.valve, valve_m) + gas_n;
+        let (mut valve_m, mut force) = (lift_m, rests_n(lift_m) - inertia_n(cam.valve));
+        if has_lifter {
+            let holds_n = |valve_m: f64| rests_n(valve_m) - if valve_m > 0.0 { inertia_n(cam.valve) } else { 0.0 };
+            (valve_m, force) = model.on_lifter(cam, lift_m, holds_n);
             force += model.lifter_preload_n(cam) - inertia_n(cam.follower);
         }
+        let valve_speed = if valve_m > 0.0 { speed } else { 0.0 };
         (q.angle[cam.follower], q.omega[cam.follower]) = (lift_m, speed);
-        (q.angle[cam.valve], q.omega[cam.valve]) = (valve_m, speed);
+        (q.angle[cam.valve], q.omega[cam.valve]) = (valve_m, valve_speed);
         let masses = model.spring_masses(cam.valve);
         let parts = (masses.len() + 1) as f64;
         for (n, k) in masses.enumerate() {
             let share = (n + 1) as f64 / parts;
-            (q.angle[k], q.omega[k]) = (share * valve_m, share * speed);
+            (q.angle[k], q.omega[k]) = (share * valve_m, share * valve_speed);
         }
         (state.touches.normal_force[i], state.touches.age[i]) = (cam.ratio * force.max(0.0), 1.0);
     }
 }
-
-/// Each takes the error of where a lifter stands down by the stiffness of the valve's spring over that of the oil: a thousandth.
-const LIFTER_ITERATIONS: usize = 8;
 
 /// A State with the poses of `q`, at rest.
 pub fn resting_state(model: &Model, q: &Configuration) -> State {

@@ -224,8 +224,9 @@ fn read_oil_effects(t: &TomlTable<'_>, oil: Option<&OilSpec>, effects: &mut Effe
         let is_own = |e: &PassageEffect| e.passage == last_name(&p.path);
         matches!(p.law, PassageLaw::Check(_)) && own.passages.iter().any(is_own)
     };
-    let passages = oil.map_or(0, |oil| largest_island(oil, leaks)[1]);
-    if passages > MAX_PASSAGES {
+    let [without, passages] =
+        oil.map_or([0; 2], |oil| [largest_island(oil, |_| false)[1], largest_island(oil, leaks)[1]]);
+    if passages > MAX_PASSAGES && without <= MAX_PASSAGES {
         let title = format!("with these holes {passages} passages are joined: at most {MAX_PASSAGES} are computed");
         t.table(check_leak::ROW.name).error(title, None);
     }

@@ -12,6 +12,7 @@ use super::mechanism::{
     BAR, ChamberSpec, CheckSpec, OilSpec, PassageLaw, PassageSpec, PistonSpec, read_check, read_slit,
 };
 use super::reader::TomlTable;
+use crate::diag::last_name;
 use crate::elements::hydraulics::{MAX_CHAMBERS, MAX_PASSAGES, PassageEnd, islands};
 use crate::elements::passage::AnnularGap;
 use crate::units::MM;
@@ -113,8 +114,10 @@ pub(super) fn read_lifter(t: &TomlTable<'_>, oil: Option<&OilSpec>, spring_n: f6
         let title = "the plunger's way in is longer than the room under it";
         t.error_at("volume_mm3", title.into(), Some(format!("more than {least} mm3, or a shorter `in_mm`")));
     }
-    if spec.start_n() >= spring_n {
-        let title = format!("the lifter holds the valve open: it pushes with {:.4} N", spec.start_n());
+    let highest_pa = start_of(&spec.supply).map_or(spec.start_pa, |supply_pa| supply_pa.max(spec.start_pa));
+    let pushes_n = spec.spring_n + highest_pa * spec.area_m2();
+    if pushes_n >= spring_n {
+        let title = format!("the lifter holds the valve open: it pushes with {pushes_n:.4} N");
         let help = format!("less than the {spring_n} N of the valve's spring: less spring, bore or pressure");
         t.error(title, Some(help));
     }
@@ -142,12 +145,13 @@ fn read_end(t: &TomlTable<'_>, key: &str, oil: Option<&OilSpec>) -> String {
 pub(super) fn add_oil(root: &TomlTable<'_>, oil: &mut OilSpec, lifters: &[(String, &LifterSpec)]) {
     for (valve, lifter) in lifters {
         let (chamber, passages) = lifter.oil_parts(valve);
-        for p in passages.iter().filter(|p| oil.passages.iter().any(|o| o.path == p.path)) {
-            root.error(format!("`{}` is a part of the lifter of `{valve}`", p.path), Some("rename yours".into()));
-        }
-        if oil.chambers.iter().any(|c| c.name == chamber.name) {
-            let title = format!("chamber `{}` is that of the lifter of `{valve}`", chamber.name);
-            root.error(title, Some("rename yours".into()));
+        let nodes = || oil.chambers.iter().map(|c| &c.name).chain(oil.reservoirs.iter().map(|(name, _)| name));
+        let is_taken = |name: &str| oil.passages.iter().any(|o| last_name(&o.path) == name);
+        let mut names: Vec<&str> = passages.iter().map(|p| last_name(&p.path)).filter(|name| is_taken(name)).collect();
+        names.extend(nodes().any(|name| *name == chamber.name).then_some(chamber.name.as_str()));
+        for name in names {
+            let title = format!("`{name}` is the name of a part of the lifter of `{valve}`");
+            root.error(title, Some("rename the chamber, reservoir or passage of that name".into()));
         }
         oil.chambers.push(chamber);
         oil.passages.extend(passages);

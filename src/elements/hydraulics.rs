@@ -45,7 +45,7 @@ pub struct Island {
     pub passages: Vec<usize>,
 }
 
-/// The islands of chambers between which passages lie, by their first chambers; passages between reservoirs stand behind them, on one without a
+/// The islands of chambers between which passages lie, by their first chambers; each passage between reservoirs stands behind them, on one without a
 /// chamber.
 pub fn islands(chambers: usize, passages: &[[PassageEnd; 2]]) -> Vec<Island> {
     // The first chamber that each is joined with.
@@ -68,9 +68,7 @@ pub fn islands(chambers: usize, passages: &[[PassageEnd; 2]]) -> Vec<Island> {
         .map(|c| Island { chambers: (0..chambers).filter(|i| first[*i] == c).collect(), passages: on(Some(c)) })
         .collect();
     let between_reservoirs: Vec<usize> = on(None);
-    if !between_reservoirs.is_empty() {
-        all.push(Island { chambers: Vec::new(), passages: between_reservoirs });
-    }
+    all.extend(between_reservoirs.into_iter().map(|p| Island { chambers: Vec::new(), passages: vec![p] }));
     all
 }
 

@@ -15,7 +15,7 @@ use super::model::{
 };
 use super::plausible::outside_the_records;
 use super::problem::Problem;
-use super::rivals::{Rival, rivals};
+use super::rivals::{Rival, rival_of, rivals};
 use super::screen::{FitStart, LinearisedBase, screen};
 use super::search::{Context, MIN_SCORE_GAIN, SearchResult, Trial};
 use super::stats::Random;
@@ -405,9 +405,10 @@ fn better_form<'a>(
     let own_score = score(best, effective);
     let models = parallel(forms.len(), context.threads, |i| {
         let fit_start = FitStart { values: forms[i].values.clone(), phases: vec![0.0; records], travels: Vec::new() };
-        refitted(declared, best, &kept, Some((&forms[i], &fit_start)), own, 1, FIT_ITERATIONS)
+        if context.must_end() { None } else { rival_of(declared, best, &kept, (&forms[i], &fit_start), own) }
     });
-    let clear = models.iter().zip(&forms).filter(|(m, _)| {
+    let fitted = models.iter().zip(&forms).filter_map(|(m, form)| Some((m.as_ref()?, form)));
+    let clear = fitted.filter(|(m, _)| {
         let is_better = score(m, effective) < own_score - CLEAR_SCORE_GAP;
         is_better && m.residuals().judge_ratio(best.residuals())[2] < 1.0
     });

@@ -8,7 +8,8 @@
 //! measured better than the force is known, the numbers are also better (errors in variables: the noise then is on the side that is
 //! fitted). What rests is left out: the static friction of a body at rest is not determined by its motion.
 //!
-//! The smoother is three moving averages of equal length, one after the other, applied to every series, so that whatever is linear
+//! Accelerations are differences of the measured samples, and so means over the steps on either side of a sample; forces and speeds are taken as the
+//! same means, so that what is linear in them keeps its relation. The smoother is three moving averages of equal length, one after the other, applied to every series, so that whatever is linear
 //! keeps its relation. Its length is the one of [`HALVES`] with the least held-out error, relative to the force.
 
 use super::candidates::{self, Hypothesis, Sizes};
@@ -78,6 +79,14 @@ fn is_possible(m: &Machine, data: &Data) -> bool {
     turned.iter().any(|t| forces_on(m, t.body).next().is_some())
 }
 
+/// Bodies whose motions are inputs of the machine itself: body, input, and whether it is a speed.
+fn driven_bodies(m: &Machine) -> impl Iterator<Item = (usize, usize, bool)> + '_ {
+    m.bodies.iter().enumerate().filter_map(|(body, b)| match b.motion {
+        BodyMotion::Measured(k) => Some((body, k, m.inputs[k].kind == InputKind::Speed)),
+        BodyMotion::Free | BodyMotion::Constant(_) => None,
+    })
+}
+
 /// Inputs that are forces on a body.
 fn forces_on(m: &Machine, body: usize) -> impl Iterator<Item = (usize, usize)> {
     m.inputs.iter().enumerate().filter_map(move |(k, i)| match i.kind {
@@ -121,6 +130,11 @@ fn inverse_records(m: &Machine, data: &Data, half: usize) -> Option<InverseRecor
         });
         let reads = Reads::Reaction(t.body);
         machine.sensors.push(Sensor { name: path.clone(), path, reads, gain, unit: Some(unit.into()) });
+    }
+    for (body, _, _) in driven_bodies(m) {
+        let name = m.bodies[body].name.clone();
+        let path = format!("inputs.acceleration.{name}");
+        machine.inputs.push(Input { name, path, body, kind: InputKind::Acceleration });
     }
     let segments: Option<Vec<RecordSegment>> =
         data.segments.iter().map(|s| turned_segment(m, data, s, &turned, &kept, half)).collect();
@@ -192,11 +206,10 @@ fn turned_segment(
     for t in turned {
         let gain = m.values[m.sensors[data.channels[t.channel].sensor].gain];
         let own: Vec<f64> = on_grid(&without_gaps(&s.measured[t.channel])?).iter().map(|x| x / gain).collect();
-        let speed = if t.is_speed { own.clone() } else { slope(&own, h) };
-        let v = smooth(&speed);
+        let v = smooth(&speed_about(&own, t.is_speed, h));
         let a = taken(&smooth(&acceleration(&own, t.is_speed, h)));
         if t.is_speed {
-            start.q[t.body] = s.start.q[t.body] + h * speed[..margin].iter().sum::<f64>();
+            start.q[t.body] = s.start.q[t.body] + h * own[..margin].iter().sum::<f64>();
         } else {
             start.q[t.body] = smooth(&own).first().copied()?;
         }
@@ -206,6 +219,9 @@ fn turned_segment(
         measured.push(v.iter().map(|v| if v.abs() < AT_REST * highest { f64::NAN } else { 0.0 }).collect());
         inputs.push(v);
         inputs.push(a);
+    }
+    for (_, input, is_speed) in driven_bodies(m) {
+        inputs.push(taken(&smooth(&acceleration(&on_grid(s.task.inputs.get(input)?), is_speed, h))));
     }
     let left = measured.first().map_or(0, Vec::len);
     let fits = (0..left).filter(|i| margin + i * every < s.judge_from).count();
@@ -241,6 +257,18 @@ fn slope(series: &[f64], h: f64) -> Vec<f64> {
 /// Mean acceleration about each sample: over the steps on either side of it from speeds, weighted by a hat over them from angles.
 fn acceleration(series: &[f64], is_speed: bool, h: f64) -> Vec<f64> {
     if is_speed { slope(series, h) } else { of_neighbours(series, |w| (w[0] - 2.0 * w[1] + w[2]) / (h * h)) }
+}
+
+/// The same mean of the speed. From angles that of a parabola through three of them on either side.
+fn speed_about(series: &[f64], is_speed: bool, h: f64) -> Vec<f64> {
+    if is_speed {
+        return of_neighbours(series, |w| 0.25 * w[0] + 0.5 * w[1] + 0.25 * w[2]);
+    }
+    let mut about = slope(series, h);
+    let inner = about[1..about.len() - 1].to_vec();
+    let bends = of_neighbours(&inner, |w| w[0] - 2.0 * w[1] + w[2]);
+    about[1..].iter_mut().zip(bends).for_each(|(v, bend)| *v -= bend / 12.0);
+    about
 }
 
 /// The same mean of a force: one that holds from each sample to the next, or one on straight lines between them.
@@ -337,7 +365,7 @@ fn problem<'a>(forward: &Problem<'a>, inverse: &'a InverseRecords) -> Problem<'a
         Local::Travel => false,
     };
     let locals = forward.locals.iter().filter(stays).copied().collect();
-    Problem {
+    let mut problem = Problem {
         machine: m.clone(),
         data,
         channels: data.channels.iter().map(|c| c.sensor).collect(),
@@ -347,10 +375,14 @@ fn problem<'a>(forward: &Problem<'a>, inverse: &'a InverseRecords) -> Problem<'a
         fixed: forward.fixed.clone(),
         folded: false,
         correction: 0.0,
-        max_steps: forward.max_steps.min(STEPS_OF_A_SWING),
+        max_steps: forward.max_steps,
         runs: forward.runs,
         ending: forward.ending,
-    }
+    };
+    // What the declared machine needs, and more.
+    let needed = search::steps_needed_at(&problem, &problem.start()).unwrap_or(1.0);
+    problem.max_steps = problem.max_steps.min(STEPS_OF_A_SWING.max(2.0 * needed));
+    problem
 }
 
 /// Steps for a sample at most: those for a swing of an added body. Samples show no swing that is faster than half of that.
@@ -466,7 +498,8 @@ pub fn second_voice(model: &FittedModel, context: &Context) -> Option<InverseDyn
         }
     });
     let (smoother_s, error_share) = (records.width_s, error_share(&found, &records));
-    Some(InverseDynamics { smoother_s, tried, error_share, numbers: numbers.collect() })
+    let numbers: Vec<NumberByTwoWays> = numbers.collect();
+    (!numbers.is_empty()).then_some(InverseDynamics { smoother_s, tried, error_share, numbers })
 }
 
 /// Held-out error over the force, the mean over the channels.
@@ -560,7 +593,7 @@ fn forward_start<'a>(forward: &Problem<'a>, model: &FittedModel) -> (Problem<'a>
 
 #[cfg(test)]
 mod tests {
-    use super::{acceleration, force_about, interpolated, noise_left, smoothed, without_gaps};
+    use super::{acceleration, force_about, interpolated, noise_left, smoothed, speed_about, without_gaps};
 
     /// Closed forms: a difference over two steps, a second difference, and three averages over three samples (1 3 6 7 6 3 1) / 27.
     #[test]
@@ -588,6 +621,31 @@ mod tests {
             let left =
                 acceleration(motion, is_speed, h).iter().zip(&about).map(|(a, u)| inertia * a - u).collect::<Vec<_>>();
             assert!(left[1..59].iter().all(|x| x.abs() < 1e-7), "{left:?}");
+        }
+    }
+
+    /// A disc with viscous friction under a force of ten values a period: inertia and friction come out of the means, from speeds and from angles.
+    #[test]
+    fn friction_is_found_beside_inertia() {
+        let (h, inertia, drag) = (0.01, 1.0, 60.0);
+        let force: Vec<f64> = (0..400).map(|i| libm::sin(f64::from(i) * std::f64::consts::TAU / 10.0)).collect();
+        let (mut q, mut v) = (vec![0.0], vec![0.0]);
+        let decay = libm::exp(-drag * h / inertia);
+        for (i, u) in force.iter().enumerate() {
+            // The closed form of J v' = u - d v with a u that holds.
+            let end = u / drag;
+            q.push(q[i] + end * h + (v[i] - end) * inertia / drag * (1.0 - decay));
+            v.push(end + (v[i] - end) * decay);
+        }
+        for (motion, is_speed, off) in [(&v[..400], true, 0.04), (&q[..400], false, 0.015)] {
+            let (a, w) = (acceleration(motion, is_speed, h), speed_about(motion, is_speed, h));
+            let u = force_about(&force, true, is_speed);
+            let sum = |x: &[f64], y: &[f64]| (2..398).map(|i| x[i] * y[i]).sum::<f64>();
+            let (aa, aw, ww, au, wu) = (sum(&a, &a), sum(&a, &w), sum(&w, &w), sum(&a, &u), sum(&w, &u));
+            let d = aa * ww - aw * aw;
+            let [found, rubs] = [(au * ww - wu * aw) / d, (wu * aa - au * aw) / d];
+            println!("{found:.4} kg m2, {rubs:.3} N m s");
+            assert!((found / inertia - 1.0).abs() < off && (rubs / drag - 1.0).abs() < off, "{found} {rubs}");
         }
     }
 

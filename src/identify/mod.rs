@@ -156,7 +156,7 @@ pub fn identify(
     let cut_short = found.cut_short || context.must_end();
     if !context.must_end() {
         context.report("inverse dynamics: the same numbers by another way");
-        report.inverse_dynamics = inverse::second_voice(&found.best, context);
+        report.set_inverse_dynamics(inverse::second_voice(&found.best, context));
     }
     for moved in moved::moved_numbers(measurement, &found.declared, &found.best) {
         if report.is_confirmed(&moved.path) {

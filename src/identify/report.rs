@@ -289,6 +289,25 @@ impl IdentificationReport {
         self.prediction = Some(both);
     }
 
+    /// Numbers by inverse dynamics, those of waves in the form in which their effects are reported.
+    pub(super) fn set_inverse_dynamics(&mut self, mut voice: Option<InverseDynamics>) {
+        let reported = |path: &str| {
+            let mut own = self.effects.iter().flat_map(|e| &e.parameters).filter(|p| p.record.is_none());
+            own.find(|p| p.path == path).map(|p| p.value)
+        };
+        for n in voice.iter_mut().flat_map(|v| &mut v.numbers) {
+            let Some(value) = reported(&n.path).filter(|value| *value != n.simulated) else { continue };
+            // An amplitude has changed its sign, a phase has turned.
+            if value == -n.simulated {
+                n.inverse = -n.inverse;
+            } else if n.path.ends_with("phase_deg") {
+                n.inverse += value - n.simulated;
+            }
+            n.simulated = value;
+        }
+        self.inverse_dynamics = voice;
+    }
+
     /// Whether inverse dynamics gives the same number as the simulation.
     pub(super) fn is_confirmed(&self, path: &str) -> bool {
         let numbers = self.inverse_dynamics.iter().flat_map(|i| &i.numbers);

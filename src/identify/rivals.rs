@@ -50,7 +50,7 @@ const RIVAL_ITERATIONS: usize = 10;
 const HOPELESS: f64 = 3.0;
 
 /// The best model with another hypothesis in place of an effect, fitted; None: it stays far from the best model.
-fn rival_of<'a>(
+pub(super) fn rival_of<'a>(
     declared: &FittedModel<'a>,
     best: &FittedModel<'a>,
     rest: &[usize],

@@ -3,6 +3,7 @@
 use super::Model;
 use crate::drive::Drive;
 use crate::drive::lifters::LifterSpec;
+use crate::drive::mechanism::PassageLaw;
 use crate::drive::valves::ValveSpec;
 use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
@@ -70,6 +71,10 @@ impl Model {
             None => valve,
             Some(lifter) => self.add_lifter((drive, lifter, rocker_kg), &path, valve),
         };
+        let ratio = spec.rocker.map_or(1.0, |r| r.ratio);
+        let lifter_start_n = spec.lifter.as_ref().map_or(0.0, LifterSpec::start_n);
+        let on_cam = PairRadii { bush_m: spec.base_m, body_m: spec.roller_m.unwrap_or(f64::INFINITY) };
+        let pressed_m = if spec.lifter.is_some() { at_rest_m(cam.law, on_cam, ratio * lifter_start_n) } else { 0.0 };
         let sprocket = &self.sprockets[spec.sprocket];
         let shape = TouchShape::Cam(CamTouch {
             follower,
@@ -82,8 +87,8 @@ impl Model {
             offset_rad: 0.0,
             base_m: spec.base_m,
             roller_m: spec.roller_m,
-            lash_m: spec.lash_m,
-            ratio: spec.rocker.map_or(1.0, |r| r.ratio),
+            lash_m: spec.lash_m - pressed_m,
+            ratio,
         });
         let touch = |what: &str,
                      shape: TouchShape,
@@ -98,10 +103,10 @@ impl Model {
             stick_speed_m_s: contact.stick_speed_m_s,
             radii: PairRadii { bush_m, body_m },
         };
-        let on_cam = touch("cam", shape, cam, cam.friction, spec.base_m, spec.roller_m.unwrap_or(f64::INFINITY));
+        let on_the_cam = touch("cam", shape, cam, cam.friction, spec.base_m, spec.roller_m.unwrap_or(f64::INFINITY));
         let stop = TouchShape::Stop {
             coordinate: valve,
-            limit: at_rest_m(seat.law, spec.spring_n - spec.lifter.as_ref().map_or(0.0, LifterSpec::start_n)),
+            limit: at_rest_m(seat.law, SEAT_RADII, spec.spring_n - lifter_start_n),
             sense: -1.0,
             lever_m: 1.0,
         };
@@ -113,7 +118,7 @@ impl Model {
             pressures: gas.pressures.clone(),
         });
         self.gas_loads.extend(gas);
-        self.touches.extend([on_cam, on_seat]);
+        self.touches.extend([on_the_cam, on_seat]);
         if let Some(lifter) = &spec.lifter {
             let end = |limit_m: f64, sense: f64| TouchShape::Between { front: valve, back: follower, limit_m, sense };
             let on_end = |what: &str, shape: TouchShape| touch(what, shape, seat, 0.0, SEAT_RADIUS_M, f64::INFINITY);
@@ -135,12 +140,18 @@ impl Model {
         let mass_kg = lifter.mass_kg + rocker_kg;
         self.coordinates.push(slides(path.clone(), mass_kg, -lifter.spring_n, CoordinateSpring::default()));
         // The oil in the gap shears.
-        let viscosity_pa_s = drive.oil_with_effects().map_or(0.0, |oil| oil.oil.viscosity_pa_s);
+        let shear = drive.oil_with_effects().and_then(|oil| {
+            let (_, [_, leak]) = lifter.oil_parts(valve);
+            let PassageLaw::Leak { gap, .. } = oil.passages.iter().find(|p| p.path == leak.path)?.law else {
+                return None;
+            };
+            Some(gap.damping_n_s_per_m(oil.oil.viscosity_pa_s))
+        });
         self.couplings.push(Coupling {
             path,
             ends: [follower, plunger],
             stiffness_nm_per_rad: lifter.spring_n_per_m,
-            damping_nm_s_per_rad: lifter.gap.damping_n_s_per_m(viscosity_pa_s),
+            damping_nm_s_per_rad: shear.unwrap_or(0.0),
         });
         follower
     }
@@ -202,16 +213,38 @@ impl Model {
         -self.coordinates[cam.follower].load()
     }
 
-    /// How much shorter a lifter is under this force on its valve, with the oil that it holds while the valve is closed, where it is `now_m` shorter;
-    /// exact where that is the same [m].
-    pub fn lifter_yields_m(&self, cam: &CamTouch, now_m: f64, force_n: f64) -> f64 {
-        let Some(oil) = &self.oil else { return 0.0 };
+    /// Where a valve on a lifter stands whose follower is lifted by `lift_m`, with the oil that it holds while the valve is closed: on its seat until the
+    /// lifter pushes with `holds_n`, what holds it where it stands. Second: the force of the lifter on it above its preload [m, N].
+    pub fn on_lifter(&self, cam: &CamTouch, lift_m: f64, holds_n: impl Fn(f64) -> f64) -> (f64, f64) {
+        let in_m = self.touches.iter().find_map(|t| match t.shape {
+            TouchShape::Between { back, limit_m, sense: -1.0, .. } if back == cam.follower => Some(-limit_m),
+            TouchShape::Between { .. } | TouchShape::Stop { .. } | TouchShape::Tip { .. } | TouchShape::Cam(_) => None,
+        });
+        let most_m = in_m.unwrap_or(f64::INFINITY);
         let area_m2 = |c: &Chamber| c.pistons.iter().find(|(k, _)| *k == cam.valve).map(|(_, area)| *area);
-        let Some((chamber, area_m2)) = oil.chambers.iter().find_map(|c| Some((c, area_m2(c)?))) else { return 0.0 };
+        let oil = self
+            .oil
+            .as_ref()
+            .and_then(|oil| Some((oil.oil, oil.chambers.iter().find_map(|c| Some((c, area_m2(c)?)))?)));
+        let Some((oil, (chamber, area_m2))) = oil else { return (lift_m, holds_n(lift_m)) };
         let spring = self.couplings.iter().find(|c| c.ends == [cam.follower, cam.valve]);
-        let spring_n = spring.map_or(0.0, |c| c.stiffness_nm_per_rad * now_m);
-        let [closed, open] = [chamber.start_pa, (force_n - spring_n) / area_m2].map(|p| oil.oil.at(p).volume);
-        chamber.volume_m3 * (1.0 - open / closed) / area_m2
+        let stiffness = spring.map_or(0.0, |c| c.stiffness_nm_per_rad);
+        let held = chamber.volume_m3 / oil.at(chamber.start_pa).volume;
+        let pushes_n = |shorter_m: f64| {
+            let pressure = oil.pressure_pa((chamber.volume_m3 - area_m2 * shorter_m) / held, chamber.start_pa);
+            area_m2 * pressure + stiffness * shorter_m
+        };
+        if lift_m <= most_m && pushes_n(lift_m) <= holds_n(0.0) {
+            return (0.0, pushes_n(lift_m));
+        }
+        // The force grows with what it is shorter by.
+        let (mut low, mut high) = (0.0, lift_m.min(most_m));
+        for _ in 0..LIFTER_HALVINGS {
+            let middle = 0.5 * (low + high);
+            if pushes_n(middle) < holds_n(lift_m - middle) { low = middle } else { high = middle }
+        }
+        let valve_m = lift_m - high;
+        (valve_m, holds_n(valve_m).max(0.0))
     }
 
     /// The cam of every valve.
@@ -223,19 +256,23 @@ impl Model {
     }
 }
 
+/// To the last digit of the way.
+const LIFTER_HALVINGS: usize = 60;
+
 /// Radius of curvature of a valve's seat, for laws that depend on it [m]. assumed.
 const SEAT_RADIUS_M: f64 = 5e-3;
 const SEAT_RADII: PairRadii = PairRadii { bush_m: SEAT_RADIUS_M, body_m: f64::INFINITY };
 
-/// Depth of a valve in its seat under this force [m]: the seat lies so much higher, so that the resting valve has no lift and the lash is the gap.
-fn at_rest_m(law: ContactLaw, force_n: f64) -> f64 {
+/// Depth of a contact under this force [m]: a seat lies so much higher, so that the resting valve has no lift and the lash is the gap; a cam under a
+/// lifter likewise.
+fn at_rest_m(law: ContactLaw, radii: PairRadii, force_n: f64) -> f64 {
     let (mut low, mut high) = (0.0, 1e-6);
-    while law.elastic(high, SEAT_RADII).force_n < force_n && high < 1.0 {
+    while law.elastic(high, radii).force_n < force_n && high < 1.0 {
         high *= 2.0;
     }
     for _ in 0..100 {
         let middle = 0.5 * (low + high);
-        if law.elastic(middle, SEAT_RADII).force_n < force_n { low = middle } else { high = middle }
+        if law.elastic(middle, radii).force_n < force_n { low = middle } else { high = middle }
     }
     0.5 * (low + high)
 }

@@ -145,7 +145,7 @@ impl<'a> StaticProblem<'a> {
         for rail in &model.rails {
             add_rail(model, q, rail, free, &mut s);
         }
-        // Pawls find their teeth when the drive has its place.
+        // Pawls find their teeth when the drive has its place, and lifters stand still.
         for touch in model.touches.iter().filter(|t| !matches!(t.shape, TouchShape::Between { .. })) {
             add_touch(touch, q, free, &mut s);
         }

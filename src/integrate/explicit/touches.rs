@@ -79,7 +79,7 @@ pub(super) fn advance_oil(model: &Model, state: &mut State, scratch: &mut Scratc
 /// Forces along the way of what slides [N], outwards positive; their sum is its mass times its acceleration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct SlidingForces {
-    /// What its spring, damper, film and loads give.
+    /// What its springs, dampers, film and loads give.
     pub(crate) spring_n: f64,
     pub(crate) oil_n: f64,
     /// What all that it touches gives.
@@ -90,7 +90,11 @@ pub(crate) struct SlidingForces {
 pub(crate) fn sliding_forces(model: &Model, state: &State, scratch: &Scratch, k: usize) -> SlidingForces {
     let (q, coordinate) = (&state.coordinates, &model.coordinates[k]);
     let speed = q.omega[k] + 0.5 * model.step_s * scratch.coordinate_alpha[k];
-    let spring = coordinate.spring.force(q.angle[k]) - coordinate.spring.damping * speed;
+    let mut spring = coordinate.spring.force(q.angle[k]) - coordinate.spring.damping * speed;
+    for coupling in model.couplings.iter().filter(|c| c.ends.contains(&k)) {
+        let (force, _) = coupling.torques_nm(coupling.ends.map(|end| q.angle[end]), [0.0; 2]);
+        spring += if coupling.ends[0] == k { force } else { -force };
+    }
     let mut touch_n = 0.0;
     for (i, touch) in model.touches.iter().enumerate() {
         if scratch.touches.normal_force[i] == 0.0 {
