@@ -121,7 +121,7 @@ fn a_lifter_is_a_column_of_oil_that_sinks_and_fills_up_again() {
         }
         opened = true;
         let w = q.omega[cam.shaft];
-        // Of rigid parts: on the plunger, and on the cam.
+        // Rigid parts would press on the plunger and on the cam with these forces.
         let on_plunger = 280.0 + 4e4 * s.lift_m + 0.12 * s.bend_m * w * w;
         let on_cam = on_plunger + 0.06 * s.bend_m * w * w;
         // The lifter's spring takes its share.

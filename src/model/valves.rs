@@ -28,7 +28,6 @@ impl Model {
     fn add_valve(&mut self, drive: &Drive, spec: &ValveSpec, number: usize) {
         let Some([cam, seat]) = &drive.valve_contacts else { return };
         let (path, valve) = (spec.path(number), self.coordinates.len());
-        let parts = spec.spring_parts as f64;
         // A spring in parts presses on the valve with its preload, and with what its last part is shortened by.
         let is_whole = spec.spring_parts == 1;
         let spring = CoordinateSpring {
@@ -40,31 +39,7 @@ impl Model {
         let preload_n = if is_whole { lifter_n } else { lifter_n - spec.spring_n };
         self.coordinates.push(slides(path.clone(), spec.moved_kg(), preload_n, spring));
         if !is_whole {
-            let (k, m) = (parts * spec.spring_n_per_m, spec.spring_mass_kg / parts);
-            // A spring that surges is held at both ends; its dampers are in proportion to its springs.
-            let first_rad_s = 2.0 * libm::sqrt(k / m) * libm::sin(0.5 * PI / parts);
-            let c = 2.0 * spec.spring_damping * k / first_rad_s;
-            let first = self.coordinates.len();
-            for i in 1..spec.spring_parts {
-                // The far end of the spring stands in the head.
-                let ground = if i == 1 {
-                    CoordinateSpring { stiffness: k, free: 0.0, damping: c }
-                } else {
-                    CoordinateSpring::default()
-                };
-                self.coordinates.push(slides(format!("{path}.spring.{i}"), m, 0.0, ground));
-            }
-            for i in 1..spec.spring_parts {
-                let own = first + i - 1;
-                let next = if i + 1 < spec.spring_parts { own + 1 } else { valve };
-                let path = format!("{path}.spring.{i}");
-                self.couplings.push(Coupling {
-                    path,
-                    ends: [own, next],
-                    stiffness_nm_per_rad: k,
-                    damping_nm_s_per_rad: c,
-                });
-            }
+            self.add_spring_masses(spec, &path, valve);
         }
         let rocker_kg = spec.rocker.map_or(0.0, |r| r.moved_kg());
         let follower = match &spec.lifter {
@@ -126,6 +101,31 @@ impl Model {
             let outer = lifter.out_m.map(|out_m| on_end("lifter.out_mm", end(out_m, 1.0)));
             self.touches.push(inner);
             self.touches.extend(outer);
+        }
+    }
+
+    /// Puts the masses of a valve's spring in, from the head to the valve, and the parts of the spring between them.
+    fn add_spring_masses(&mut self, spec: &ValveSpec, path: &str, valve: usize) {
+        let parts = spec.spring_parts as f64;
+        let (k, m) = (parts * spec.spring_n_per_m, spec.spring_mass_kg / parts);
+        // A spring that surges is held at both ends; its dampers are in proportion to its springs.
+        let first_rad_s = 2.0 * libm::sqrt(k / m) * libm::sin(0.5 * PI / parts);
+        let c = 2.0 * spec.spring_damping * k / first_rad_s;
+        let first = self.coordinates.len();
+        for i in 1..spec.spring_parts {
+            // The far end of the spring stands in the head.
+            let ground = if i == 1 {
+                CoordinateSpring { stiffness: k, free: 0.0, damping: c }
+            } else {
+                CoordinateSpring::default()
+            };
+            self.coordinates.push(slides(format!("{path}.spring.{i}"), m, 0.0, ground));
+        }
+        for i in 1..spec.spring_parts {
+            let own = first + i - 1;
+            let next = if i + 1 < spec.spring_parts { own + 1 } else { valve };
+            let path = format!("{path}.spring.{i}");
+            self.couplings.push(Coupling { path, ends: [own, next], stiffness_nm_per_rad: k, damping_nm_s_per_rad: c });
         }
     }
 
