@@ -1,7 +1,8 @@
 //! The lumped model and the catalogue of effects: closed forms, order of convergence, and the same rules for every row.
 
 use pitchline::effects::{EFFECTS, Effect, Kind, On, Physics, named};
-use pitchline::machine::simulate::{InitialState, MAX_STEPS, Observed, Samples, Task, run};
+use pitchline::machine::correction::Observed;
+use pitchline::machine::simulate::{InitialState, MAX_STEPS, Samples, Task, run};
 use pitchline::machine::{Machine, Reads};
 
 fn machine(text: &str) -> Machine {
@@ -637,7 +638,8 @@ fn a_prediction_forgets_a_wrong_start_at_its_rate() {
         let samples = Samples::Times { t_s, step_s: 1e-3, even: true };
         let task = Task { samples, inputs: vec![vec![0.0; 50]], hold: true, start_s: 0.0 };
         let start = InitialState { q: vec![0.0], v: vec![6.0], travel: 0.0 };
-        let observed = Observed { share: 0.1, sensors: &[sensor], measured: &[vec![gain * 5.0 + offset; 50]] };
+        let observed =
+            Observed { share: 0.1, sensors: &[sensor], noise: &[1e-3], measured: &[vec![gain * 5.0 + offset; 50]] };
         let out = run(&m, &m.values, &task, &start, &[sensor], MAX_STEPS, Some(observed)).expect("a run");
         for (i, v) in out[0].iter().enumerate() {
             let exact = gain * (5.0 + 0.9_f64.powi(i as i32)) + offset;
@@ -657,7 +659,8 @@ fn a_prediction_from_angles_finds_the_speed() {
     let task = Task { samples, inputs: vec![vec![0.0; 400]], hold: true, start_s: 0.0 };
     let start = InitialState { q: vec![0.0], v: vec![0.0], travel: 0.0 };
     let measured: Vec<f64> = (0..400).map(|i| 5e-3 * f64::from(i)).collect();
-    let observed = Observed { share: 0.1, sensors: &[sensor], measured: std::slice::from_ref(&measured) };
+    let observed =
+        Observed { share: 0.1, sensors: &[sensor], noise: &[1e-3], measured: std::slice::from_ref(&measured) };
     let out = run(&m, &m.values, &task, &start, &[sensor], MAX_STEPS, Some(observed)).expect("a run");
     let off = |i: usize| (out[0][i] - measured[i]).abs();
     assert!(off(1) > 4e-3 && off(399) < 1e-9, "{} {}", off(1), off(399));

@@ -125,6 +125,7 @@ fn inverse_records(m: &Machine, data: &Data, half: usize) -> Option<InverseRecor
             unit: unit.into(),
             shown: 1.0,
             noise: 0.0,
+            sensor_noise: 0.0,
             relative: false,
             quantisation: 0.0,
         });

@@ -20,9 +20,11 @@ use super::resolved::resolve;
 use super::search::{self, Context, SearchResult};
 use super::stats;
 use crate::effects::{Physics, sign_blind};
-use crate::machine::simulate::{Samples, speed_share};
+use crate::machine::correction::{SteadyFilter, speed_share};
+use crate::machine::simulate::Samples;
 use crate::machine::{BodyMotion, InputKind, Machine, Reads};
 use crate::measurement::Measurement;
+use crate::measurement::facts;
 use crate::measurement::segments::{Data, MeasuredChannel};
 use serde::Serialize;
 use std::cell::OnceCell;
@@ -61,6 +63,8 @@ pub struct UnmeasuredForce {
     pub size: f64,
     /// Its unit.
     pub unit: String,
+    /// Standard deviation of the noise that the measured inputs of the body show themselves, from sample to sample; 0 if there are none.
+    pub noise_of_inputs: f64,
 }
 
 /// Whether the records hold motions of free bodies alone, at even times. Forces and accelerations would show what corrects them.
@@ -134,8 +138,31 @@ fn share(best: &FittedModel, context: &Context) -> Option<f64> {
 /// state.
 fn noisy_records(data: &Data, m: &Machine, share: f64) -> (Data, Data) {
     let mut noisy = data.clone();
+    let noise_of = |reads: Reads| {
+        let alike = || data.channels.iter().filter(|c| m.sensors[c.sensor].reads == reads);
+        let own = |c: &MeasuredChannel| c.sensor_noise / m.values[m.sensors[c.sensor].gain];
+        let squares: f64 = alike().map(own).map(|x| x * x).sum();
+        let count = alike().count() as f64;
+        (count > 0.0).then(|| libm::sqrt(squares) / count)
+    };
     for channel in noisy.channels.iter_mut().filter(|c| corrects(m, c.sensor)) {
-        channel.noise /= libm::sqrt(1.0 - share);
+        let sensor = &m.sensors[channel.sensor];
+        let filter = |b: usize| {
+            let noise = [noise_of(Reads::Angle(b))?, noise_of(Reads::Speed(b))?];
+            Some(SteadyFilter::new(share, step_of(data), noise))
+        };
+        let not_known = match sensor.reads {
+            Reads::Angle(b) => filter(b).map(|f| f.variance[0]),
+            Reads::Speed(b) => filter(b).map(|f| f.variance[1]),
+            Reads::Acceleration(_) | Reads::Pulses { .. } | Reads::Tension(_) | Reads::Reaction(_) | Reads::Part(_) => {
+                None
+            }
+        };
+        let gain = m.values[sensor.gain];
+        channel.noise = match not_known {
+            Some(variance) => libm::sqrt(channel.sensor_noise * channel.sensor_noise + gain * gain * variance),
+            None => channel.sensor_noise / libm::sqrt(1.0 - share),
+        };
     }
     let held_out = judge::held_out_segments(&noisy);
     (noisy, held_out)
@@ -187,6 +214,25 @@ pub(super) fn is_lost(model: &FittedModel) -> bool {
 fn errs_by_more_than(model: &FittedModel, times: f64) -> bool {
     let mut channels = model.problem.data.channels.iter().zip(&model.fit_residuals);
     channels.any(|(c, left)| stats::rms(left) > times * c.noise)
+}
+
+/// The largest share with which a prediction ends a search: with more it may hide what the search would find.
+const SMALL_SHARE: f64 = 0.15;
+
+/// Whether a simulation errs by little more than noise, and a prediction with the same effects leaves noise alone: what is left is a small force
+/// that nobody measures, such as the noise of a measured torque, and further effects would only follow its course.
+pub(super) fn explains_the_rest(simulated: &FittedModel, context: &Context) -> bool {
+    let is_near = simulated.problem.correction == 0.0 && !is_lost(simulated) && !simulated.is_noise_alone();
+    if !is_near || context.must_end() {
+        return false;
+    }
+    let Some(share) = share(simulated, context).filter(|share| *share <= SMALL_SHARE) else { return false };
+    let (noisy, held_out) = noisy_records(simulated.problem.data, &simulated.problem.machine, share);
+    let mut problem = Problem { data: &noisy, correction: share, ..simulated.problem.clone() };
+    problem.weights = noisy.channels.iter().map(|c| c.noise.max(1e-12)).collect();
+    let (start, effects) = (&simulated.fit.point, simulated.effects.clone());
+    let predicted = fit_model(problem, start, &held_out, effects, context.threads, FIT_ITERATIONS);
+    predicted.is_noise_alone() && is_small(&predicted, &unmeasured(&predicted, share))
 }
 
 /// A search by prediction that was made where the simulation is lost.
@@ -411,7 +457,11 @@ fn compared(
 
 /// Time between two samples [s].
 fn sample_step(problem: &Problem) -> f64 {
-    let step_s = problem.data.segments.iter().find_map(|s| match s.task.samples {
+    step_of(problem.data)
+}
+
+fn step_of(data: &Data) -> f64 {
+    let step_s = data.segments.iter().find_map(|s| match s.task.samples {
         Samples::Times { step_s, .. } => Some(step_s),
         Samples::Pulses { .. } => None,
     });
@@ -426,10 +476,14 @@ fn unmeasured(best: &FittedModel, share: f64) -> Vec<UnmeasuredForce> {
     let (values, _) = problem.numbers(0, &best.fit.point.globals, &best.fit.point.locals[0]);
     let of = |(b, body): (usize, &crate::machine::Body)| {
         let inertia = values[body.inertia?];
-        // The noise of a channel is that of its predictions here.
+        // That of predictions from this sensor alone.
         let shown = |reads: Reads| {
             let channel = problem.data.channels.iter().find(|c| m.sensors[c.sensor].reads == reads)?;
-            Some(channel.noise / values[m.sensors[channel.sensor].gain].abs().max(1e-300))
+            Some(
+                channel.sensor_noise
+                    / libm::sqrt(1.0 - share)
+                    / values[m.sensors[channel.sensor].gain].abs().max(1e-300),
+            )
         };
         let size = match (shown(Reads::Speed(b)), shown(Reads::Angle(b))) {
             (Some(speed), _) => inertia * speed * share / step_s,
@@ -437,14 +491,45 @@ fn unmeasured(best: &FittedModel, share: f64) -> Vec<UnmeasuredForce> {
             (None, None) => return None,
         };
         let unit = if body.slides { "N" } else { "N m" };
-        Some(UnmeasuredForce { body: body.name.clone(), size, unit: unit.into() })
+        let noise_of_inputs = noise_of_inputs(problem, b);
+        Some(UnmeasuredForce { body: body.name.clone(), size, unit: unit.into(), noise_of_inputs })
     };
     let free = m.bodies.iter().enumerate().filter(|(_, b)| b.motion == BodyMotion::Free);
     free.filter_map(of).collect()
 }
 
+/// Noise that the measured forces on a body show, from sample to sample: a root mean square over the records.
+fn noise_of_inputs(problem: &Problem, body: usize) -> f64 {
+    let of = |(k, gain): (usize, f64)| {
+        let noises: Vec<f64> = problem
+            .data
+            .segments
+            .iter()
+            .filter_map(|s| s.task.inputs.get(k).map(|own| gain * facts::noise_beside_jumps(own)))
+            .collect();
+        stats::rms(&[noises])
+    };
+    let own = forces_on(problem, body);
+    libm::sqrt(own.into_iter().map(of).map(|noise| noise * noise).sum())
+}
+
+/// The inputs that are forces on a body: index and gain.
+fn forces_on(problem: &Problem, body: usize) -> Vec<(usize, f64)> {
+    let m = &problem.machine;
+    let own = m.inputs.iter().enumerate().filter(|(_, i)| i.body == body);
+    own.filter_map(|(k, i)| match i.kind {
+        InputKind::Force(gain) => Some((k, m.values[gain].abs())),
+        InputKind::Speed | InputKind::Angle | InputKind::Acceleration => None,
+    })
+    .collect()
+}
+
 /// The unmeasured force counts as small up to this part of the forces that are measured or that accelerate the body (root mean square). Not varied.
 const SMALL_FORCE: f64 = 0.3;
+/// It also counts as small up to this multiple of the noise that the measured forces show themselves, for that explains it; but not beyond this
+/// part of the forces. Not varied.
+const SHOWN_NOISE: f64 = 1.25;
+const NO_LARGER: f64 = 0.6;
 
 /// Whether the force that nobody measures is small beside the others, so that little is laid to it.
 fn is_small(best: &FittedModel, unmeasured: &[UnmeasuredForce]) -> bool {
@@ -453,16 +538,14 @@ fn is_small(best: &FittedModel, unmeasured: &[UnmeasuredForce]) -> bool {
     unmeasured.iter().all(|force| {
         let body = problem.machine.bodies.iter().position(|b| b.name == force.body);
         body.is_none_or(|b| {
-            let driven = problem.machine.inputs.iter().enumerate().filter(|(_, i)| i.body == b);
-            let inputs = driven.filter_map(|(k, i)| match i.kind {
-                InputKind::Force(gain) => {
-                    let series: Vec<Vec<f64>> =
-                        problem.data.segments.iter().filter_map(|s| s.task.inputs.get(k).cloned()).collect();
-                    Some(problem.machine.values[gain].abs() * stats::rms(&series))
-                }
-                InputKind::Speed | InputKind::Angle | InputKind::Acceleration => None,
+            let inputs = forces_on(problem, b).into_iter().map(|(k, gain)| {
+                let series: Vec<Vec<f64>> =
+                    problem.data.segments.iter().filter_map(|s| s.task.inputs.get(k).cloned()).collect();
+                gain * stats::rms(&series)
             });
-            force.size <= SMALL_FORCE * inputs.fold(sizes.force(b), f64::max)
+            let largest = inputs.fold(sizes.force(b), f64::max);
+            let is_seen = force.size <= SHOWN_NOISE * force.noise_of_inputs && force.size <= NO_LARGER * largest;
+            force.size <= SMALL_FORCE * largest || is_seen
         })
     })
 }

@@ -5,8 +5,9 @@
 //! and parameters `per = "part"`. Residuals are (model - measured) / weight of the channel. Segments do not share local
 //! parameters, so that the fit eliminates them segment by segment.
 
+use crate::machine::correction::Observed;
 use crate::machine::fidelity::{RunRequest, UnrepeatedPart};
-use crate::machine::simulate::{InitialState, Observed, RunError, Samples};
+use crate::machine::simulate::{InitialState, RunError, Samples};
 use crate::machine::{BodyMotion, Machine, Reads, Sensor, Slot};
 use crate::measurement::segments::{Data, RecordSegment};
 use crate::units::within;
@@ -210,7 +211,8 @@ impl<'a> Problem<'a> {
         let (values, start) = self.numbers(segment, globals, locals);
         let shorter = (fitting && s.judge_from < s.len() && s.judge_from > 0).then(|| s.fitting_task());
         let sensors: Vec<usize> = self.data.channels.iter().map(|c| c.sensor).collect();
-        let observed = Observed { share: self.correction, sensors: &sensors, measured: &s.measured };
+        let noise: Vec<f64> = self.data.channels.iter().map(|c| c.sensor_noise).collect();
+        let observed = Observed { share: self.correction, sensors: &sensors, noise: &noise, measured: &s.measured };
         self.machine.run(&RunRequest {
             observed: (self.correction > 0.0).then_some(observed),
             values: &values,

@@ -311,7 +311,9 @@ fn rounds<'a>(
     let file = declared.problem.start();
     let (mut cut_short, mut is_lost) = (false, false);
     let effort = declared.problem.machine.effort();
-    for round in first_round..=effort.effects {
+    let is_done = may_be_lost && is_settled && predict::explains_the_rest(&beam[0], context);
+    let last_round = if is_done { 0 } else { effort.effects };
+    for round in first_round..=last_round {
         let mut next: Vec<FittedModel<'a>> = Vec::new();
         for model in &beam {
             if model.is_exhausted() {
@@ -391,7 +393,7 @@ fn rounds<'a>(
             break;
         }
         is_lost = may_be_lost && round >= LOST_AFTER && !is_settled && predict::is_lost(&beam[0]);
-        if is_lost {
+        if is_lost || may_be_lost && round >= LOST_AFTER && predict::explains_the_rest(&beam[0], context) {
             break;
         }
     }

@@ -135,10 +135,14 @@ fn prediction(t: &mut String, r: &IdentificationReport) -> std::fmt::Result {
     for force in &p.unmeasured {
         writeln!(
             t,
-            "    as for a force on {} that differs by {} {} from sample to sample",
+            "    as for a force on {} that differs by {} {} from sample to sample{}",
             force.body,
             four_digits(force.size),
-            force.unit
+            force.unit,
+            match force.noise_of_inputs > 0.0 {
+                true => format!("; what is measured shows a noise of {}", four_digits(force.noise_of_inputs)),
+                false => String::new(),
+            }
         )?;
     }
     for e in p.simulated.iter().filter(|e| e.record.is_none()) {

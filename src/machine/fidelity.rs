@@ -1,7 +1,8 @@
 //! What differs between the two fidelities of a machine, lumped and with link bodies, as one interface. All else (sensors, effects,
 //! inputs, fits) sees a [`Machine`] and asks these questions; nothing outside this folder asks which fidelity it is.
 
-use super::simulate::{InitialState, Observed, RunError, Task};
+use super::correction::Observed;
+use super::simulate::{InitialState, RunError, Task};
 use super::{Machine, Target};
 use crate::effects::{Effect, Parameter};
 use std::sync::Arc;

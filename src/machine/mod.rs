@@ -9,6 +9,8 @@
 //! the file, so that a fit changes a machine by writing into a list.
 
 #[doc(hidden)]
+pub mod correction;
+#[doc(hidden)]
 pub mod fidelity;
 mod forces;
 mod linked;

@@ -4,6 +4,7 @@
 //! steps and keeps every friction slope stable. It is determined from the machine's parameters before the run. Where friction alone is
 //! stiff, every sample takes the steps that it needs by itself, or implicit ones ([`super::rosenbrock`]).
 
+use super::correction::{Correction, Observed};
 use super::forces::{PreparedMachine, SpringForces};
 use super::near_rest::NearRest;
 use super::pulses::{self, pulses};
@@ -76,19 +77,6 @@ pub struct InitialState {
     pub v: Vec<f64>,
     /// For a drive with link bodies: pitches since its period began.
     pub travel: f64,
-}
-
-/// Measured series that correct a run at every sample. The run then predicts the next sample from those before it, and forgets what it did not
-/// know: noise of a measured force, feedback, drift. The correction is that of a steady Kalman filter for an unmeasured force that differs from
-/// sample to sample (for angles: Kalata 1984).
-#[derive(Clone, Copy, Debug)]
-pub struct Observed<'a> {
-    /// Share of the difference between measured and predicted that the state takes at each sample.
-    pub share: f64,
-    /// Indices of the sensors that were measured.
-    pub sensors: &'a [usize],
-    /// One series for each of these sensors, at the samples; missing: NaN.
-    pub measured: &'a [Vec<f64>],
 }
 
 /// Runs a machine and returns one series for every channel (index of a sensor), at the samples; for pulses, ln of the
@@ -341,78 +329,6 @@ fn predicted(
     Ok(sampled(ready, task, start, times, channels, Some(observed))?.read_out(ready, times, true))
 }
 
-/// What a state takes of measured values.
-struct Correction<'a> {
-    observed: Observed<'a>,
-    /// The sensors that correct, each as a tuple: its index among those observed; the free body that it shows; true for a speed, false for an
-    /// angle; its weight, so that two sensors of one speed count as much as one.
-    from: Vec<(usize, usize, bool, f64)>,
-    /// For each body, whether a correction of its speed corrects its angle too. It does where no sensor shows the angle and no spring ends at the body.
-    is_carried: Vec<bool>,
-    /// By how much angles and speeds were moved at the last sample.
-    moved: (Vec<f64>, Vec<f64>),
-}
-
-impl<'a> Correction<'a> {
-    fn new(ready: &PreparedMachine, observed: Observed<'a>) -> Correction<'a> {
-        let m = ready.m;
-        let of = |(i, sensor): (usize, &usize)| match m.sensors[*sensor].reads {
-            Reads::Angle(b) => Some((i, ready.stands_for[b], false)),
-            Reads::Speed(b) => Some((i, ready.stands_for[b], true)),
-            Reads::Acceleration(_) | Reads::Pulses { .. } | Reads::Tension(_) | Reads::Reaction(_) | Reads::Part(_) => {
-                None
-            }
-        };
-        let free = |(_, b, _): &(usize, usize, bool)| m.bodies[*b].motion == BodyMotion::Free;
-        let all: Vec<(usize, usize, bool)> = observed.sensors.iter().enumerate().filter_map(of).filter(free).collect();
-        let alike = |b: usize, is_speed: bool| all.iter().filter(|(_, o, s)| (*o, *s) == (b, is_speed)).count() as f64;
-        let from = all.iter().map(|(i, b, is_speed)| (*i, *b, *is_speed, 1.0 / alike(*b, *is_speed))).collect();
-        let told = |b: usize| {
-            let by_spring = m.springs.iter().any(|s| s.ends.iter().any(|e| e.body == b));
-            by_spring || all.iter().any(|(_, o, is_speed)| *o == b && !is_speed)
-        };
-        let n = m.bodies.len();
-        let is_carried = (0..n).map(|b| !told(b)).collect();
-        Correction { observed, from, is_carried, moved: (vec![0.0; n], vec![0.0; n]) }
-    }
-
-    /// Moves the state at a sample.
-    fn apply(&mut self, ready: &PreparedMachine, sample: usize, step_s: f64, q: &mut [f64], v: &mut [f64]) {
-        let (dq, dv) = (&mut self.moved.0, &mut self.moved.1);
-        dq.fill(0.0);
-        dv.fill(0.0);
-        let share = self.observed.share;
-        for (i, body, is_speed, weight) in &self.from {
-            let measured = self.observed.measured[*i].get(sample).copied().unwrap_or(f64::NAN);
-            if !measured.is_finite() {
-                continue;
-            }
-            let value = measured / ready.values[ready.m.sensors[self.observed.sensors[*i]].gain];
-            if *is_speed {
-                let off = weight * (value - v[*body]);
-                dv[*body] += share * off;
-                if self.is_carried[*body] {
-                    // The gain of a force that is constant in a sample and differs from one to the next: the mean of the speeds that it has missed.
-                    dq[*body] += (1.0 - 0.5 * share) * step_s * off;
-                }
-                continue;
-            }
-            let off = weight * (value - q[*body]);
-            dq[*body] += share * off;
-            if !self.from.iter().any(|(_, b, speed, _)| b == body && *speed) {
-                dv[*body] += speed_share(share) * off / step_s;
-            }
-        }
-        q.iter_mut().zip(dq).for_each(|(q, d)| *q += *d);
-        v.iter_mut().zip(dv).for_each(|(v, d)| *v += *d);
-    }
-}
-
-/// Share of a difference in angle that the speed takes over a sample, where the angle takes `share` (Kalata 1984).
-pub fn speed_share(share: f64) -> f64 {
-    2.0 * (2.0 - share) - 4.0 * libm::sqrt(1.0 - share)
-}
-
 /// What the channels read at the nodes of a run.
 struct NodeReadings<'a> {
     channels: &'a [usize],
@@ -492,7 +408,7 @@ fn sampled<'a>(
     let mut traces: Vec<Vec<f64>> = channels.iter().map(|_| Vec::with_capacity(n_steps + 1)).collect();
     let mut angles: Vec<Vec<f64>> = channels.iter().map(|_| Vec::with_capacity(n_steps + 1)).collect();
     let mut speeds: Vec<Vec<f64>> = channels.iter().map(|_| Vec::new()).collect();
-    let mut correction = observed.map(|observed| Correction::new(ready, observed));
+    let mut correction = observed.map(|observed| Correction::new(ready, step_s, observed));
     let most = (!bears_all).then_some(wanted as usize);
     let mut near_rest = sparse.then(|| NearRest::new(ready, task, h, smooth.iter().any(|s| *s), most));
     // Begin and length of the present step, as shares of the way between two nodes.

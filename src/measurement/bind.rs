@@ -80,6 +80,7 @@ fn bind_channels(measurement: &Measurement, machine: &Machine, diags: &mut Vec<D
             unit: if relative { "%".into() } else { c.unit.clone() },
             shown: if relative { 100.0 } else { 1.0 / factor },
             noise: 0.0,
+            sensor_noise: 0.0,
             relative,
             quantisation: 0.0,
         });

@@ -89,14 +89,24 @@ pub fn deviation_by_median(squares: &mut [f64]) -> f64 {
     libm::sqrt(median(squares) / 0.4549)
 }
 
-/// Noise from fourth differences: median over blocks of their mean squares.
-pub fn noise(values: &[f64]) -> f64 {
-    let squares: Vec<f64> = values
+/// Squares of the fourth differences, over the sum of their squared weights.
+fn fourth_differences(values: &[f64]) -> Vec<f64> {
+    values
         .array_windows()
         .map(|[a, b, c, d, e]| a - 4.0 * b + 6.0 * c - 4.0 * d + e)
         .filter(|d| d.is_finite())
         .map(|d| d * d / 70.0)
-        .collect();
+        .collect()
+}
+
+/// Noise of a series that may jump in up to half of all samples, as steps and pseudorandom sequences do.
+pub fn noise_beside_jumps(values: &[f64]) -> f64 {
+    deviation_by_median(&mut fourth_differences(values))
+}
+
+/// Noise from fourth differences: median over blocks of their mean squares.
+pub fn noise(values: &[f64]) -> f64 {
+    let squares = fourth_differences(values);
     let block = (squares.len() / 20).clamp(1, 50);
     let mut means: Vec<f64> = squares.chunks(block).map(|c| c.iter().sum::<f64>() / c.len() as f64).collect();
     libm::sqrt(median(&mut means))

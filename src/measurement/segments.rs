@@ -70,6 +70,8 @@ pub struct MeasuredChannel {
     pub shown: f64,
     /// Standard deviation of its noise in the form in which the model is compared (SI, or ln).
     pub noise: f64,
+    /// The same of its sensor alone, where `noise` also holds what a prediction does not know of the state.
+    pub sensor_noise: f64,
     /// Whether residuals are differences of logarithms, that is, relative errors.
     pub relative: bool,
     /// Spacing of the grid on which the values lie, in the same form as `noise`.
@@ -217,6 +219,7 @@ fn split_into_segments(
         return Err(DataError::File(Box::new(measurement.places.report(diags))));
     }
     set_noise(&mut data, measurement);
+    data.channels.iter_mut().for_each(|channel| channel.sensor_noise = channel.noise);
     Ok(data)
 }
 
