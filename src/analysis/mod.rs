@@ -10,6 +10,7 @@ pub mod explain;
 pub mod half_power;
 pub mod lap;
 pub mod mode_shapes;
+pub mod mounts;
 pub mod order_spectrum;
 pub mod order_tracks;
 pub mod signal;

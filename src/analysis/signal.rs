@@ -1,9 +1,10 @@
 //! A number of every frame, by its name: quantities of break expressions (`sprocket.driven.speed`, `joint[3].force`), sensors
-//! (`sensors.KIND.NAME`), tensions of spans (`span.LEAVES.REACHES.tension`), and columns of tables as `export` writes them
+//! (`sensors.KIND.NAME`), tensions of spans (`span.LEAVES.REACHES.tension`), forces on mounts (`mount.NAME.x`, `.y`, `.force`), and columns of tables as `export` writes them
 //! (`joints.force_x_n[3]`, `rotors.driven.speed_rad_s`, `energy.kinetic_j`).
 
 use super::audit::Topology;
 use super::audit::spans::{SpanEnds, spans_of};
+use super::mounts::{Mount, mounts};
 use crate::breakpoint::quantities::{QUANTITIES, Quantity, Scope};
 use crate::breakpoint::{Names, Number, in_frame, parse};
 use crate::diag::{last_name, nearest};
@@ -19,6 +20,15 @@ enum SignalSource {
     /// Table, column and row.
     Column(usize, usize, usize),
     Account(usize),
+    Mount(Mount, MountAxis),
+}
+
+/// Which number of a force on a mount.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum MountAxis {
+    X,
+    Y,
+    Size,
 }
 
 /// A number of every frame.
@@ -61,6 +71,9 @@ impl Signal {
         if let Some(ends) = span(name, header) {
             return made(SignalSource::Span(ends), "N");
         }
+        if let Some((mount, axis)) = mount(name, header)? {
+            return made(SignalSource::Mount(mount, axis), "N");
+        }
         if let Some(k) = Energy::MESSAGE.columns.iter().position(|c| c.channel == name) {
             return made(SignalSource::Account(k), "J");
         }
@@ -97,6 +110,14 @@ impl Signal {
             SignalSource::Sensor(k) => frame.sensors.get(*k).copied(),
             SignalSource::Span(ends) => {
                 spans_of(frame, header, &self.topology).into_iter().find(|(own, _)| own == ends).map(|(_, force)| force)
+            }
+            SignalSource::Mount(mount, axis) => {
+                let [x, y] = mount.force(frame);
+                Some(match axis {
+                    MountAxis::X => x,
+                    MountAxis::Y => y,
+                    MountAxis::Size => libm::hypot(x, y),
+                })
             }
             SignalSource::Account(k) => frame.energy.accounts().nth(*k).map(|(_, value)| value),
             SignalSource::Column(table, column, row) => {
@@ -171,6 +192,27 @@ fn span(name: &str, header: &Header) -> Option<SpanEnds> {
         found.next().is_none().then_some(body)
     };
     Some((body(from)?, body(to)?)).filter(|(from, to)| from != to)
+}
+
+/// `mount.NAME.x`, `.y` or `.force`, by the path of what it carries or its last word.
+fn mount(name: &str, header: &Header) -> Result<Option<(Mount, MountAxis)>, UnknownSignal> {
+    let Some(rest) = name.strip_prefix("mount.") else { return Ok(None) };
+    let all = mounts(header).map_err(UnknownSignal)?;
+    let paths: Vec<String> = all.iter().map(|m| m.path.clone()).collect();
+    let axis = |word: &str| match word {
+        "x" => Some(MountAxis::X),
+        "y" => Some(MountAxis::Y),
+        "force" => Some(MountAxis::Size),
+        _ => None,
+    };
+    let found = rest.rsplit_once('.').and_then(|(path, word)| Some((one_row(&paths, path)?, axis(word)?)));
+    match found {
+        Some((row, axis)) => Ok(all.into_iter().nth(row).map(|mount| (mount, axis))),
+        None => Err(UnknownSignal(format!(
+            "`{name}` names no force on a mount\nhelp: `mount.NAME.x`, `.y` or `.force`; names: {}",
+            paths.join(", ")
+        ))),
+    }
 }
 
 /// The row of a path, or of its last word where one path alone ends so. A part of the drive goes before what an effect adds under its name.

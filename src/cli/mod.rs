@@ -23,6 +23,7 @@ mod live;
 mod lump;
 mod migrate;
 mod modes;
+mod mounts;
 mod optimise;
 mod orders;
 mod pair_stats;
@@ -83,6 +84,7 @@ fn verbs() -> Vec<Verb> {
             damping::run,
         ),
         verb("lap", "Show a number of links or joints over their way round the loop, by zones", lap::run),
+        verb("mounts", "Show the forces on what carries the drive: bearings, guides, pivots, housings", mounts::run),
         verb("modes", "Show frequencies, damping and shapes of a drive at rest under its load", modes::run),
         verb("explain", "Explain the state of a link: every force on it, and their origin", explain::run),
         verb("diff", "Show where two recordings differ, in which body, by how much", diff::run),

@@ -106,6 +106,12 @@ pub fn varying_numbers<'a>(
     found
 }
 
+/// Whether one number that follows the order of the records leaves noise alone: further effects would only follow its course.
+pub(super) fn explains_the_rest(model: &FittedModel, context: &Context) -> bool {
+    let explains = |d: &DriftingNumber| d.number.course != Course::NoOrder && d.model.is_noise_alone();
+    !model.is_noise_alone() && of_model(model, context).iter().any(explains)
+}
+
 /// Numbers of a model that differ from record to record.
 fn of_model<'a>(model: &FittedModel<'a>, context: &Context) -> Vec<DriftingNumber<'a>> {
     let records = fitted_records(&model.problem);

@@ -6,6 +6,7 @@
 
 use super::candidates::{self, Hypothesis, Sizes};
 use super::diagnosis::standing_orders;
+use super::drifting;
 use super::fit::{Fit, FitOptions, fit, parallel};
 use super::inverse;
 use super::judge;
@@ -311,7 +312,7 @@ fn rounds<'a>(
     let file = declared.problem.start();
     let (mut cut_short, mut is_lost) = (false, false);
     let effort = declared.problem.machine.effort();
-    let is_done = may_be_lost && is_settled && predict::explains_the_rest(&beam[0], context);
+    let is_done = may_be_lost && is_settled && is_explained_without_more(&all[1..], true, context);
     let last_round = if is_done { 0 } else { effort.effects };
     for round in first_round..=last_round {
         let mut next: Vec<FittedModel<'a>> = Vec::new();
@@ -393,7 +394,7 @@ fn rounds<'a>(
             break;
         }
         is_lost = may_be_lost && round >= LOST_AFTER && !is_settled && predict::is_lost(&beam[0]);
-        if is_lost || may_be_lost && round >= LOST_AFTER && predict::explains_the_rest(&beam[0], context) {
+        if is_lost || may_be_lost && is_explained_without_more(&beam, round >= LOST_AFTER, context) {
             break;
         }
     }
@@ -423,6 +424,16 @@ fn rounds<'a>(
         is_lost,
         cut_short,
     }
+}
+
+/// Sets of a round whose numbers are tried with a value for each record.
+const TRIED_BY_RECORD: usize = 3;
+
+/// Whether what the best sets leave is no further effect: numbers that follow the order of the records, or, where it `may_predict`, a force that
+/// nobody measures.
+fn is_explained_without_more(sets: &[FittedModel], may_predict: bool, context: &Context) -> bool {
+    sets.iter().take(TRIED_BY_RECORD).any(|m| drifting::explains_the_rest(m, context))
+        || may_predict && sets.first().is_some_and(|m| predict::explains_the_rest(m, context))
 }
 
 /// The declared model, and the sets that inverse dynamics gives, all fitted as simulations.
