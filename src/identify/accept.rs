@@ -241,6 +241,7 @@ pub fn accept<'a>(
         hypotheses,
         is_settled,
         is_lost: _,
+        is_drifting: _,
         cut_short,
     } = searched;
     let known = (&hypotheses[..], &alike[..], is_settled);

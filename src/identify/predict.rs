@@ -253,6 +253,9 @@ pub(super) fn from_short_memory<'a>(
     records: &'a [OnceCell<(Data, Data)>; 2],
     context: &'a Context<'a>,
 ) -> (SearchResult<'a>, Option<BegunPrediction<'a>>) {
+    if searched.is_drifting {
+        return (searched, None);
+    }
     let begun = match start(measurement, (machine, own), &searched, records, context) {
         None => None,
         Some(PredictedStart::Simulation(simulated)) => return (simulated.after(searched), None),

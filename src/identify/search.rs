@@ -114,6 +114,8 @@ pub struct SearchResult<'a> {
     pub is_settled: bool,
     /// Whether it ended before its last round, because a prediction may know a better start.
     pub is_lost: bool,
+    /// Whether it ended because a number that follows the order of the records leaves noise alone.
+    pub is_drifting: bool,
     pub cut_short: bool,
 }
 
@@ -312,8 +314,9 @@ fn rounds<'a>(
     let file = declared.problem.start();
     let (mut cut_short, mut is_lost) = (false, false);
     let effort = declared.problem.machine.effort();
-    let is_done = may_be_lost && is_settled && is_explained_without_more(&all[1..], true, context);
-    let last_round = if is_done { 0 } else { effort.effects };
+    let mut is_drifting = may_be_lost && is_settled && drift_explains(&all[1..], context);
+    let is_disturbed = || may_be_lost && is_settled && predict::explains_the_rest(&beam[0], context);
+    let last_round = if is_drifting || is_disturbed() { 0 } else { effort.effects };
     for round in first_round..=last_round {
         let mut next: Vec<FittedModel<'a>> = Vec::new();
         for model in &beam {
@@ -394,7 +397,9 @@ fn rounds<'a>(
             break;
         }
         is_lost = may_be_lost && round >= LOST_AFTER && !is_settled && predict::is_lost(&beam[0]);
-        if is_lost || may_be_lost && is_explained_without_more(&beam, round >= LOST_AFTER, context) {
+        is_drifting = may_be_lost && drift_explains(&beam, context);
+        let is_disturbed = || may_be_lost && round >= LOST_AFTER && predict::explains_the_rest(&beam[0], context);
+        if is_lost || is_drifting || is_disturbed() {
             break;
         }
     }
@@ -422,6 +427,7 @@ fn rounds<'a>(
         hypotheses,
         is_settled,
         is_lost,
+        is_drifting,
         cut_short,
     }
 }
@@ -429,11 +435,9 @@ fn rounds<'a>(
 /// Sets of a round whose numbers are tried with a value for each record.
 const TRIED_BY_RECORD: usize = 3;
 
-/// Whether what the best sets leave is no further effect: numbers that follow the order of the records, or, where it `may_predict`, a force that
-/// nobody measures.
-fn is_explained_without_more(sets: &[FittedModel], may_predict: bool, context: &Context) -> bool {
+/// Whether what the best sets leave is a number of theirs that follows the order of the records.
+fn drift_explains(sets: &[FittedModel], context: &Context) -> bool {
     sets.iter().take(TRIED_BY_RECORD).any(|m| drifting::explains_the_rest(m, context))
-        || may_predict && sets.first().is_some_and(|m| predict::explains_the_rest(m, context))
 }
 
 /// The declared model, and the sets that inverse dynamics gives, all fitted as simulations.
