@@ -4,7 +4,7 @@ use pitchline::analysis::audit::Topology;
 use pitchline::analysis::audit::spans::spans_of;
 use pitchline::analysis::mounts::{Balance, Mount, mounts};
 use pitchline::analysis::signal::Signal;
-use pitchline::drive::BUNDLED;
+use pitchline::drive::{BUNDLED, Drive};
 use pitchline::recording::frame::{Frame, Header};
 use pitchline::recording::reader::{Entry, Flow, Reader, WHOLE, Wanted};
 use std::path::Path;
@@ -30,10 +30,14 @@ fn sample(name: &str) -> (Header, Vec<Frame>) {
 
 /// A bundled drive with more tables, recorded with these values.
 fn recorded(drive: &str, more: &str, duration: &str, set: &[&str]) -> (Header, Vec<Frame>) {
+    let text = BUNDLED.iter().find(|b| b.0 == drive).expect("a bundled drive").1;
+    recorded_text(&format!("{text}\n{more}"), duration, set)
+}
+
+fn recorded_text(text: &str, duration: &str, set: &[&str]) -> (Header, Vec<Frame>) {
     let folder = tempfile::tempdir().expect("a folder");
     let (file, path) = (folder.path().join("it.toml"), folder.path().join("it.mcap"));
-    let text = BUNDLED.iter().find(|b| b.0 == drive).expect("a bundled drive").1;
-    std::fs::write(&file, format!("{text}\n{more}")).expect("written");
+    std::fs::write(&file, text).expect("written");
     let mut command = Command::new(env!("CARGO_BIN_EXE_pitchline"));
     command.arg("run").arg(&file).args(["--duration", duration, "--every", "50us", "-o"]).arg(&path);
     set.iter().for_each(|s| _ = command.args(["--set", s]));
@@ -52,28 +56,45 @@ fn mean(forces: &[[f64; 2]]) -> [f64; 2] {
     [0, 1].map(|i| forces.iter().map(|f| f[i]).sum::<f64>() / forces.len() as f64)
 }
 
-/// All contacts of every bundled drive change the momentum of its links and rollers, and nothing else does.
+/// The forces on all mounts but those of cams, with the inertia of links, rollers and plungers, add up to nothing: no contact is forgotten, none
+/// is counted twice. Contacts alone change the momentum of links and rollers.
 #[test]
-fn contacts_of_every_drive_change_the_momentum_of_its_chains() {
-    for (name, _) in BUNDLED {
-        let path = format!("{}/recordings/samples/{name}.mcap", env!("CARGO_MANIFEST_DIR"));
-        assert!(Path::new(&path).exists(), "{name} has no sample");
+fn forces_on_all_mounts_of_every_drive_add_up_to_the_inertia_of_what_moves() {
+    for (name, text) in BUNDLED {
         let (header, frames) = sample(name);
-        let mut balance = Balance::default();
-        frames.iter().for_each(|f| balance.add(f, &header));
-        let (left_n, largest_n) = balance.left_n();
-        println!("{name}: {left_n:.2e} of {largest_n:.0} N");
-        assert!(left_n < 1e-6 * largest_n, "{name}: {left_n:.2e} of {largest_n:.0} N");
-        let all = mounts(&header).expect("a drive");
-        let is_finite = |m: &Mount| frames.iter().all(|f| m.force(f).iter().all(|x| x.is_finite()));
-        assert!(!all.is_empty() && all.iter().all(is_finite), "{name}");
+        let drive = Drive::parse(name, text, &[]).expect("a bundled drive");
+        let all: Vec<Mount> =
+            mounts(&header).expect("a drive").into_iter().filter(|m| !m.path.starts_with("cams.")).collect();
+        let (mut balance, mut left_n): (Balance, f64) = (Balance::default(), 0.0);
+        for f in &frames {
+            balance.add(f, &header);
+            let mut sum = all.iter().map(|m| m.force(f)).fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+            let mut moves = |mass: f64, ax: f64, ay: f64| sum = [sum[0] + mass * ax, sum[1] + mass * ay];
+            for (i, link) in header.links.iter().enumerate() {
+                moves(link.mass_kg, f.links.ax_m_s2[i], f.links.ay_m_s2[i]);
+            }
+            for (i, roller) in header.rollers.iter().enumerate() {
+                moves(roller.mass_kg, f.rollers.ax_m_s2[i], f.rollers.ay_m_s2[i]);
+            }
+            for spec in &drive.sliders {
+                let row = header.sliders.iter().position(|p| *p == format!("sliders.{}", spec.name)).expect("its row");
+                let a = f.sliders.acceleration_m_s2[row];
+                let (sin, cos) = spec.direction_rad.sin_cos();
+                moves(spec.mass_kg, a * cos, a * sin);
+            }
+            left_n = left_n.max(sum[0].hypot(sum[1]));
+        }
+        let (contacts_n, largest_n) = balance.left_n();
+        println!("{name}: mounts {left_n:.2e}, contacts {contacts_n:.2e} of {largest_n:.0} N");
+        assert!(contacts_n < 1e-6 * largest_n, "{name}: {contacts_n:.2e} of {largest_n:.0} N");
+        assert!(left_n < 1e-5 * largest_n, "{name}: {left_n:.2e} of {largest_n:.0} N");
     }
 }
 
 /// Both spans pull a sprocket with their tension less m' v^2, along their lines.
 #[test]
 fn the_axis_of_a_sprocket_carries_both_spans() {
-    let (header, frames) = recorded("bush-20-40", "", "60ms", &["driver.speed_rpm=1500"]);
+    let (header, frames) = recorded("bush-20-40", "", "60ms", &["speeds.constant.driver.speed_rpm=1500"]);
     let topology = Topology::of(&header);
     let body = |name: &str| header.bodies.iter().position(|b| b.path == name).expect("a sprocket");
     let (driver, driven) = (body("sprockets.driver"), body("sprockets.driven"));
@@ -186,7 +207,7 @@ fn bearings_hand_on_what_the_chain_gives_less_inertia() {
 /// Chains without links pull as chains with links do, but for m' v^2.
 #[test]
 fn spans_pull_their_sprockets_as_links_do() {
-    let slow = ["driver.speed_rpm=200"];
+    let slow = ["speeds.constant.driver.speed_rpm=200"];
     let set = [slow[0], "chains.first.fidelity=spans"];
     let [links, spans] = [&slow[..], &set[..]].map(|set| recorded("reduction-20-40-20-40", "", "60ms", set));
     for path in ["sprockets.driver", "sprockets.driven"] {
@@ -198,18 +219,83 @@ fn spans_pull_their_sprockets_as_links_do() {
         println!("{path}: {of_links:.1?} {of_spans:.1?}");
         assert!(off < 0.03 * of_links[0].hypot(of_links[1]), "{path}: {of_links:?} {of_spans:?}");
     }
-    assert!(named(&spans.0, "sprockets.driver").lacks[0].contains("m' v^2"));
+    assert!(named(&spans.0, "sprockets.driver").notes[0].contains("m' v^2"));
 }
 
-/// Cams press on their shaft against the way of their valves; forces on mounts are signals too, and a wrong name is told.
+/// A guide that gives way along its normal hands on friction across it; two sprockets of one shaft share its bearing, in one row.
 #[test]
-fn cams_press_on_their_shafts_and_mounts_are_signals() {
+fn a_single_way_leaves_friction_and_a_shared_bearing_is_one_mount() {
+    let more = "[effects.guide_compliance.tight]\ncompliance_um_per_kn = 0.01\n";
+    let [rigid, gives] = ["", more].map(|more| recorded("bush-20-40", more, "20ms", &[]));
+    let [a, b] = [&rigid, &gives].map(|(header, frames)| {
+        let mount = named(header, "guides.fixed.tight");
+        mean(&frames[frames.len() / 2..].iter().map(|f| mount.force(f)).collect::<Vec<_>>())
+    });
+    println!("{a:.3?} {b:.3?}");
+    let off = (a[0] - b[0]).hypot(a[1] - b[1]);
+    assert!(off < 0.05 * a[0].hypot(a[1]), "{a:?} {b:?}");
+    let slope = |f: [f64; 2]| (f[1] / f[0]).atan();
+    assert!((slope(a) - slope(b)).abs() < 0.03, "friction turns both alike: {a:?} {b:?}");
+
+    let more = "[bearings.elastic.middle]\nmass_kg = 1.0\nstiffness_n_per_m = 5e7\ndamping_n_s_per_m = 400\n";
+    let (header, _) = recorded("reduction-20-40-20-40", more, "2ms", &[]);
+    let paths: Vec<String> = mounts(&header).expect("a drive").into_iter().map(|m| m.path).collect();
+    assert!(paths.iter().any(|p| p == "bearings.elastic.middle"), "{paths:?}");
+    assert!(!paths.iter().any(|p| p == "sprockets.driven" || p == "sprockets.pinion"), "{paths:?}");
+}
+
+/// Cams press on their shaft against the way of their valves, and beside it where the follower is a roller: what they take of the shaft's power is what they give their followers.
+#[test]
+fn cams_press_on_their_shafts_and_take_its_power() {
+    let text = BUNDLED.iter().find(|b| b.0 == "gasoline-3cyl-bush").expect("a bundled drive").1;
+    let text = text.replace("[valves.intake]\n", "[valves.intake]\nroller_radius_mm = 9\n");
+    let (header, frames) = recorded_text(&text, "12ms", &["contact.cam.friction=0"]);
+    let cams = named(&header, "cams.sprockets.intake");
+    let own: Vec<_> = header.bodies.iter().filter(|b| b.path.starts_with("cams.intake")).collect();
+    let shaft = own[0].coordinate.expect("a shaft") as usize;
+    let (mut across, mut most, mut off): (f64, f64, f64) = (0.0, 0.0, 0.0);
+    for f in &frames {
+        let (mut given_w, mut single) = (0.0, None);
+        for cam in &own {
+            let valve = cam.path.replacen("cams.", "valves.", 1);
+            let touch = header.touches.iter().position(|p| *p == format!("{valve}.cam")).expect("its touch");
+            let row = header.sliders.iter().position(|p| *p == valve).expect("its valve");
+            let t = &f.touches;
+            let n = t.normal_force_n[touch];
+            if n > 1.0 {
+                given_w += n * f.sliders.speed_m_s[row];
+                let at = [t.x_m[touch] - cam.x_m, t.y_m[touch] - cam.y_m];
+                single = if single.is_none() {
+                    Some((at, [t.normal_x[touch], t.normal_y[touch]]))
+                } else {
+                    Some(([f64::NAN; 2], [0.0; 2]))
+                };
+            }
+        }
+        // One cam alone: its torque is that of the force on the mount about the axis.
+        let Some((at, lift)) = single.filter(|(at, _)| at[0].is_finite()) else { continue };
+        let [x, y] = cams.force(f);
+        assert!(x * lift[0] + y * lift[1] < 0.0, "cams push back");
+        let taken_w = -(at[0] * y - at[1] * x) * f.rotors.speed_rad_s[shaft];
+        across = across.max((x * lift[1] - y * lift[0]).abs() / x.hypot(y));
+        most = most.max(given_w.abs());
+        off = off.max((taken_w - given_w).abs());
+    }
+    println!("largest share across {across:.3}, power {most:.1} W, off by {off:.2} W");
+    assert!(across > 0.1 && most > 10.0 && off < 0.03 * most, "{across} {most} {off}");
+}
+
+/// Forces on mounts are signals too, and a wrong name is told.
+#[test]
+fn forces_on_mounts_are_signals() {
     let (header, frames) = sample("gasoline-3cyl-bush");
     let all = mounts(&header).expect("a drive");
     let cams = all.iter().find(|m| m.path.starts_with("cams.")).expect("cams");
     assert!(frames.iter().any(|f| cams.force(f)[0].hypot(cams.force(f)[1]) > 10.0));
     let find = |axis: &str| Signal::find(&format!("mount.{}.{axis}", cams.path), &header).expect("a signal");
     let (x, y, size) = (find("x"), find("y"), find("force"));
+    let of_sprocket = Signal::find("mount.intake.x", &header).expect("the sprocket goes before the cams of its shaft");
+    assert_eq!(of_sprocket.value(&frames[0], &header), Some(named(&header, "sprockets.intake").force(&frames[0])[0]));
     for f in &frames {
         let of = |signal: &Signal| signal.value(f, &header).expect("a value");
         assert_eq!([of(&x), of(&y)], cams.force(f));

@@ -2,17 +2,20 @@
 //!
 //! ```text
 //! sprocket, guide, rail without a bearing     - sum of the forces of its contacts on links and rollers
-//! the same on a bearing                       - (spring + damper + film) along each of its ways
+//! the same on a bearing                       - (spring + damper + film) along each of its ways; of one way only, contacts across it
 //! arm, on its pivot                           - contacts of its rails on links, - its pads on tips
 //! plunger, on its housing                     - (spring + damper + oil + stops) along its way, and what the pad gives its tip across it
-//! shaft of cams, beside its sprocket          - the forces of cams on followers
+//! cams of a shaft, on its bearings            - forces of cams on followers; its sprockets have rows of their own
 //! chain without links, on its sprockets       tension of each span, away from the sprocket
 //! ```
+//! A cam gives a roller F along the lift and F tan(a) across it, sin(a) = (distance of the touch from the follower's line) / r.
 //! The forces of all contacts add up to the change of momentum of links and rollers, sum F = sum m a, which [`Balance`] holds them against.
 
 use crate::diag::last_name;
 use crate::drive::Drive;
-use crate::recording::frame::{BodyInfo, BodyKind, Frame, Header, OutlineElement};
+use crate::drive::mechanism::SliderSpec;
+use crate::drive::valves::ValveSpec;
+use crate::recording::frame::{BodyInfo, BodyKind, BodyShift, Frame, Header, OutlineElement};
 use crate::units::sin_cos;
 
 /// A force that a mount gets, in one frame.
@@ -22,12 +25,14 @@ enum MountLoad {
     Contacts(u32),
     /// What a way of a bearing gives, by its row in `Sliders`, and its direction.
     Way { slider: usize, direction: [f64; 2] },
+    /// What links and rollers press on a body across its only way, which has this direction.
+    Across { body: u32, direction: [f64; 2] },
     /// What the pad of an arm gets from a tip, by the row of `Touches`.
     Pad(usize),
     /// What a plunger gives its housing: its row, its direction, and the row of its tip.
     Plunger { slider: usize, direction: [f64; 2], tip: Option<usize> },
-    /// What a cam gets from its follower.
-    Cam(usize),
+    /// What a cam gets from its follower, by the row of `Touches`, its axis, and the radius of the follower's roller.
+    Cam { touch: usize, axis: [f64; 2], roller_m: Option<f64> },
     /// The tension of a span, along this direction.
     Span { row: usize, direction: [f64; 2] },
 }
@@ -35,11 +40,16 @@ enum MountLoad {
 /// What stands still and carries a part of the drive.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mount {
-    /// Path of what it carries: `sprockets.driven`, `arms.NAME`, `sliders.NAME`; `cams.SHAFT` for the cams of a shaft.
+    /// Path of what it carries: `sprockets.driven`, `arms.NAME`, `sliders.NAME`; that of the bearing where it carries several; `cams.` and the
+    /// path of their shaft for cams.
     pub path: String,
-    /// What is not in its force.
-    pub lacks: Vec<String>,
+    /// What its force does not hold, or holds too much.
+    pub notes: Vec<String>,
     loads: Vec<MountLoad>,
+}
+
+fn is_kind(b: &BodyInfo, kind: BodyKind) -> bool {
+    b.kind == kind as u32
 }
 
 /// The mounts of a drive, in the order of its bodies; then those of plungers and of shafts with cams.
@@ -52,79 +62,112 @@ pub fn mounts(header: &Header) -> Result<Vec<Mount>, String> {
     }
     let drive = Drive::parse(&header.drive_name, &header.drive_text, &header.overrides)
         .map_err(|report| format!("the drive of this recording cannot be read\n{report}"))?;
-    let kind = |b: &BodyInfo, kind: BodyKind| b.kind == kind as u32;
-    let rows = |from: &str| -> Vec<usize> {
-        header.touches.iter().enumerate().filter(|(_, path)| *path == from).map(|(row, _)| row).collect()
-    };
-    let tip = |slider: &str| rows(&format!("sliders.{slider}.tip")).first().copied();
     let mut all: Vec<Mount> = Vec::new();
     for (body, info) in header.bodies.iter().enumerate() {
-        let is_carried = kind(info, BodyKind::Sprocket)
-            || kind(info, BodyKind::Guide)
-            || kind(info, BodyKind::Rail) && info.coordinate.is_none();
-        if is_carried {
-            let ways = info.shifts.iter();
-            let way = |s: &crate::recording::frame::BodyShift| MountLoad::Way {
-                slider: s.slider as usize,
-                direction: [s.direction_x, s.direction_y],
+        let stands = is_kind(info, BodyKind::Rail) && info.coordinate.is_none();
+        if is_kind(info, BodyKind::Sprocket) || is_kind(info, BodyKind::Guide) || stands {
+            let mount = carrier(header, body, info);
+            // Sprockets of one shaft stand on one bearing.
+            let has_ways = matches!(mount.loads[..], [MountLoad::Way { .. }, ..]);
+            let Some(known) = all.iter_mut().find(|m| has_ways && m.loads == mount.loads) else {
+                all.push(mount);
+                continue;
             };
-            let mut mount = Mount { path: info.path.clone(), lacks: Vec::new(), loads: ways.map(way).collect() };
-            if mount.loads.is_empty() {
-                mount.loads.push(MountLoad::Contacts(body as u32));
-                mount.loads.extend(spans_on(header, info));
-                if mount.loads.len() > 1 {
-                    mount.lacks.push("tensions hold m' v^2, which presses on no sprocket".into());
-                }
-                if header.sliders.iter().any(|path| path.starts_with(&format!("{}.", info.path))) {
-                    mount.lacks.push("the inertia of what bends is left out".into());
-                }
+            let way = info.shifts.first().and_then(|s| header.sliders.get(s.slider as usize));
+            if let Some((bearing, _)) = way.and_then(|path| path.rsplit_once('.')) {
+                known.path = bearing.to_string();
             }
-            all.push(mount);
-        } else if kind(info, BodyKind::Arm) {
-            let own = |b: &BodyInfo| kind(b, BodyKind::Rail) && b.coordinate == info.coordinate;
-            let rails = header.bodies.iter().enumerate().filter(|(_, b)| own(b));
-            let on_it = |s: &&crate::drive::mechanism::SliderSpec| {
-                drive.arms.get(s.arm).is_some_and(|arm| arm.name == last_name(&info.path))
-            };
-            let pads = drive.sliders.iter().filter(on_it).filter_map(|s| tip(&s.name)).map(MountLoad::Pad);
-            let loads = rails.map(|(rail, _)| MountLoad::Contacts(rail as u32)).chain(pads).collect();
-            let lacks = vec!["the arm's own inertia is left out: its file gives no centre of mass".into()];
-            all.push(Mount { path: info.path.clone(), lacks, loads });
+        } else if is_kind(info, BodyKind::Arm) {
+            all.push(pivot(header, &drive, info));
         }
     }
-    for (name, direction_rad) in drive.sliders.iter().map(|s| (&s.name, s.direction_rad)) {
-        let path = format!("sliders.{name}");
+    for spec in &drive.sliders {
+        let path = format!("sliders.{}", spec.name);
         let Some(slider) = header.sliders.iter().position(|row| *row == path) else { continue };
-        let (sin, cos) = sin_cos(direction_rad);
-        let loads = vec![MountLoad::Plunger { slider, direction: [cos, sin], tip: tip(name) }];
-        all.push(Mount { path, lacks: Vec::new(), loads });
+        let (sin, cos) = sin_cos(spec.direction_rad);
+        let loads = vec![MountLoad::Plunger { slider, direction: [cos, sin], tip: tip_of(header, spec) }];
+        all.push(Mount { path, notes: Vec::new(), loads });
     }
     for (row, shaft) in header.coordinates.iter().enumerate() {
-        let own = |b: &&BodyInfo| kind(b, BodyKind::Cam) && b.coordinate == Some(row as u32);
-        let touch = |b: &BodyInfo| rows(&format!("{}.cam", b.path.replacen("cams.", "valves.", 1)));
-        let loads: Vec<MountLoad> = header.bodies.iter().filter(own).flat_map(touch).map(MountLoad::Cam).collect();
+        let own = header.bodies.iter().filter(|b| is_kind(b, BodyKind::Cam) && b.coordinate == Some(row as u32));
+        let loads: Vec<MountLoad> = own.filter_map(|cam| follower(header, &drive, cam)).collect();
         if !loads.is_empty() {
-            all.push(Mount { path: format!("cams.{shaft}"), lacks: Vec::new(), loads });
+            let notes = vec!["springs, seats, gas and rockers press on the head, which has no row".into()];
+            all.push(Mount { path: format!("cams.{shaft}"), notes, loads });
         }
     }
     Ok(all)
 }
 
+/// What carries a sprocket, a guide or a rail.
+fn carrier(header: &Header, body: usize, info: &BodyInfo) -> Mount {
+    let way = |s: &BodyShift| MountLoad::Way { slider: s.slider as usize, direction: [s.direction_x, s.direction_y] };
+    let mut loads: Vec<MountLoad> = info.shifts.iter().map(way).collect();
+    let mut notes = Vec::new();
+    match loads[..] {
+        [] => {
+            loads.push(MountLoad::Contacts(body as u32));
+            let spans = spans_on(header, info);
+            if !spans.is_empty() {
+                notes.push("each span's pull is too large by m' v^2, which presses on no sprocket".into());
+            }
+            loads.extend(spans);
+        }
+        [MountLoad::Way { direction, .. }] => loads.push(MountLoad::Across { body: body as u32, direction }),
+        _ => {}
+    }
+    if header.sliders.iter().any(|path| path.starts_with(&format!("{}.bending.", info.path))) {
+        notes.push("the inertia of what bends is left out".into());
+    }
+    Mount { path: info.path.clone(), notes, loads }
+}
+
+/// The pivot of an arm.
+fn pivot(header: &Header, drive: &Drive, arm: &BodyInfo) -> Mount {
+    let own = |b: &BodyInfo| is_kind(b, BodyKind::Rail) && b.coordinate == arm.coordinate;
+    let rails = header.bodies.iter().enumerate().filter(|(_, b)| own(b));
+    let on_it = |s: &&SliderSpec| drive.arms.get(s.arm).is_some_and(|a| a.name == last_name(&arm.path));
+    let pads = drive.sliders.iter().filter(on_it).filter_map(|s| tip_of(header, s)).map(MountLoad::Pad);
+    let loads = rails.map(|(rail, _)| MountLoad::Contacts(rail as u32)).chain(pads).collect();
+    let mut notes = vec!["the arm's own inertia is left out: its file gives no centre of mass".to_string()];
+    if header.touches.iter().any(|path| path.starts_with(&format!("{}.", arm.path))) {
+        notes.push("forces of its stops are left out: the file gives them no direction".into());
+    }
+    Mount { path: arm.path.clone(), notes, loads }
+}
+
+/// Row of `Touches` where the tip of a plunger meets its pad.
+fn tip_of(header: &Header, slider: &SliderSpec) -> Option<usize> {
+    let path = format!("sliders.{}.tip", slider.name);
+    header.touches.iter().position(|row| *row == path)
+}
+
+/// What a cam gets from its follower.
+fn follower(header: &Header, drive: &Drive, cam: &BodyInfo) -> Option<MountLoad> {
+    let valve = cam.path.replacen("cams.", "valves.", 1);
+    let path = format!("{valve}.cam");
+    let touch = header.touches.iter().position(|row| *row == path)?;
+    let is_of = |spec: &&ValveSpec| (0..spec.phases_rad.len()).any(|number| spec.path(number) == valve);
+    let roller_m = drive.valves.iter().find(is_of).and_then(|spec| spec.roller_m);
+    Some(MountLoad::Cam { touch, axis: [cam.x_m, cam.y_m], roller_m })
+}
+
 /// Spans of chains without links on a sprocket: the lines of their chain's outline are in the order of its spans.
 fn spans_on(header: &Header, sprocket: &BodyInfo) -> Vec<MountLoad> {
+    let name = last_name(&sprocket.path);
+    // Names may hold a dash themselves.
+    let is_sprocket = |rest: &str| header.bodies.iter().any(|b| b.rotor && last_name(&b.path) == rest);
     let mut loads = Vec::new();
-    for chain in header.bodies.iter().filter(|b| b.kind == BodyKind::Chain as u32) {
+    for chain in header.bodies.iter().filter(|b| is_kind(b, BodyKind::Chain)) {
         let own = header.spans.iter().enumerate().filter(|(_, path)| path.starts_with(&format!("{}.", chain.path)));
         let elements = chain.outline.iter().flat_map(|o| &o.elements);
         let lines = elements.filter(|e| e.radius_m == 0.0);
         for ((row, path), line) in own.zip(lines) {
-            let Some((from, to)) = last_name(path).split_once('-') else { continue };
-            let name = last_name(&sprocket.path);
-            let away = direction_of(line);
-            if from == name {
+            let (ends, away) = (last_name(path), direction_of(line));
+            if ends.strip_prefix(name).and_then(|rest| rest.strip_prefix('-')).is_some_and(is_sprocket) {
                 loads.push(MountLoad::Span { row, direction: away });
             }
-            if to == name {
+            if ends.strip_suffix(name).and_then(|rest| rest.strip_suffix('-')).is_some_and(is_sprocket) {
                 loads.push(MountLoad::Span { row, direction: away.map(|x| -x) });
             }
         }
@@ -155,21 +198,36 @@ fn of_touch(frame: &Frame, row: usize) -> [f64; 2] {
     [n * x - s * y, n * y + s * x]
 }
 
+/// What links and rollers press on a body [N].
+fn of_links(frame: &Frame, body: u32) -> [f64; 2] {
+    let own = (0..frame.contacts.body.len()).filter(|row| frame.contacts.body[*row] == body);
+    own.map(|row| of_contact(frame, row)).fold([0.0; 2], |[x, y], [fx, fy]| [x - fx, y - fy])
+}
+
 impl MountLoad {
     fn force(&self, frame: &Frame) -> [f64; 2] {
         let s = &frame.sliders;
         let at = |column: &[f64], row: usize| column.get(row).copied().unwrap_or(0.0);
         match *self {
-            MountLoad::Contacts(body) => {
-                let own = (0..frame.contacts.body.len()).filter(|row| frame.contacts.body[*row] == body);
-                own.fold([0.0; 2], |[x, y], row| {
-                    let [fx, fy] = of_contact(frame, row);
-                    [x - fx, y - fy]
-                })
+            MountLoad::Contacts(body) => of_links(frame, body),
+            MountLoad::Across { body, direction: [dx, dy] } => {
+                let [x, y] = of_links(frame, body);
+                let along = x * dx + y * dy;
+                [x - along * dx, y - along * dy]
             }
             MountLoad::Way { slider, direction } => direction.map(|d| -d * at(&s.spring_force_n, slider)),
             MountLoad::Pad(touch) => of_touch(frame, touch).map(|f| -f),
-            MountLoad::Cam(touch) => of_touch(frame, touch).map(|f| -f),
+            MountLoad::Cam { touch, axis, roller_m } => {
+                let [x, y] = of_touch(frame, touch);
+                let t = &frame.touches;
+                let lift = [at(&t.normal_x, touch), at(&t.normal_y, touch)];
+                let from_axis = [at(&t.x_m, touch) - axis[0], at(&t.y_m, touch) - axis[1]];
+                // To the right of the lift, as the touch leaves the follower's line.
+                let beside = from_axis[0] * lift[1] - from_axis[1] * lift[0];
+                let sin = roller_m.map_or(0.0, |r| (beside / r).clamp(-1.0, 1.0));
+                let across = at(&t.normal_force_n, touch) * sin / libm::sqrt((1.0 - sin * sin).max(1e-12));
+                [across * lift[1] - x, -across * lift[0] - y]
+            }
             MountLoad::Plunger { slider, direction, tip } => {
                 let on_tip = tip.map_or([0.0; 2], |row| of_touch(frame, row));
                 let along = on_tip[0] * direction[0] + on_tip[1] * direction[1];

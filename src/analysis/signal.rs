@@ -205,7 +205,14 @@ fn mount(name: &str, header: &Header) -> Result<Option<(Mount, MountAxis)>, Unkn
         "force" => Some(MountAxis::Size),
         _ => None,
     };
-    let found = rest.rsplit_once('.').and_then(|(path, word)| Some((one_row(&paths, path)?, axis(word)?)));
+    // A part of the chain drive goes before the cams of its shaft.
+    let named = |path: &str| {
+        let is_so_called =
+            |row: &usize| paths.get(*row).is_some_and(|p| last_name(p) == path && !p.starts_with("cams."));
+        let mut others = (0..paths.len()).filter(is_so_called);
+        one_row(&paths, path).or_else(|| others.next().filter(|_| others.next().is_none()))
+    };
+    let found = rest.rsplit_once('.').and_then(|(path, word)| Some((named(path)?, axis(word)?)));
     match found {
         Some((row, axis)) => Ok(all.into_iter().nth(row).map(|mount| (mount, axis))),
         None => Err(UnknownSignal(format!(
@@ -292,6 +299,8 @@ fn known(header: &Header, names: &Names) -> Vec<String> {
             all.push(format!("{scope}.{}", quantity.name));
         }
     }
+    let carried = mounts(header).unwrap_or_default();
+    all.extend(carried.iter().flat_map(|m| ["x", "y", "force"].map(|axis| format!("mount.{}.{axis}", m.path))));
     let sprockets: Vec<&str> = header.bodies.iter().filter(|b| b.rotor).map(|b| last_name(&b.path)).collect();
     for from in &sprockets {
         all.extend(sprockets.iter().filter(|to| *to != from).map(|to| format!("span.{from}.{to}.tension")));

@@ -43,7 +43,7 @@ struct MountForces {
     largest_at_s: f64,
     /// The order with the largest amplitude, of x or y; None where the recording is too short for a spectrum.
     lead: Option<LeadingOrder>,
-    lacks: Vec<String>,
+    notes: Vec<String>,
 }
 
 #[derive(serde::Serialize)]
@@ -142,7 +142,7 @@ impl WatchedMount {
             largest_at_s,
             lead: leads.max_by(|a, b| a.peak.amplitude.total_cmp(&b.peak.amplitude)),
             mount: self.mount.path,
-            lacks: self.mount.lacks,
+            notes: self.mount.notes,
         }
     }
 }
@@ -150,7 +150,12 @@ impl WatchedMount {
 fn csv(all: &[WatchedMount]) -> String {
     let mut text = String::from("t_s");
     for w in all {
-        let _infallible = write!(text, ",{0}.x_n,{0}.y_n", w.mount.path);
+        for axis in ["x", "y"] {
+            let name = format!("{}.{axis}_n", w.mount.path);
+            let is_plain = !name.contains([',', '"', '\n', '\r']);
+            let quoted = if is_plain { name } else { format!("\"{}\"", name.replace('"', "\"\"")) };
+            let _infallible = write!(text, ",{quoted}");
+        }
     }
     text.push('\n');
     let times = all.first().map(|w| w.series.iter().map(|(t_s, _)| *t_s)).into_iter().flatten();
@@ -180,17 +185,23 @@ fn text(name: &str, frames: usize, rows: &[MountForces], (left_n, largest_n): (f
         });
         let _infallible = writeln!(
             text,
-            "{:wide$}  {:>10}  {:15.2}  {:>14}  {:>11}  {:8.3}  {lead}",
+            "{:wide$}  {:>10}  {:>15}  {:>14}  {:>11}  {:>8}  {lead}",
             r.mount,
             digits(r.mean_n),
-            r.direction_deg,
+            if r.mean_n > 0.0 { format!("{:.2}", r.direction_deg) } else { "-".into() },
             digits(r.swing_n),
             digits(r.largest_n),
-            1e3 * r.largest_at_s,
+            if r.largest_n > 0.0 { format!("{:.3}", 1e3 * r.largest_at_s) } else { "-".into() },
         );
     }
-    for (r, lacks) in rows.iter().flat_map(|r| r.lacks.iter().map(move |lacks| (r, lacks))) {
-        let _infallible = writeln!(text, "note: {}: {lacks}", r.mount);
+    for (r, note) in rows.iter().flat_map(|r| r.notes.iter().map(move |note| (r, note))) {
+        let _infallible = writeln!(text, "note: {}: {note}", r.mount);
+    }
+    if rows.iter().all(|r| r.lead.is_none()) {
+        text.push_str("note: no leading orders: the recording has too few frames or turns for a spectrum\n");
+    }
+    if largest_n == 0.0 {
+        return text;
     }
     let _infallible = writeln!(
         text,

@@ -2,18 +2,14 @@
 
 use super::accept::{AcceptedResult, CLEAR_SCORE_GAP, evidence_from, left_unexplained, rejection_reason};
 use super::crossed::HeldOutComparison;
-use super::drifting::{Course, DriftingNumber};
+use super::drifting::{Course, DriftingNumber, is_ordered_by_load};
 use super::model::{FittedModel, placed_path, score};
 use super::plausible::outside_the_records;
-use super::problem::Problem;
 use super::rivals::Rival;
 use super::search::{MIN_SCORE_GAIN, Trial, best_effective};
-use super::stats;
 
 /// The held-out error of a set with a size for each record may be this multiple of the noise at most.
 const MOST_TIMES_FLOOR: f64 = 1.5;
-/// Records whose inputs grow or fall in their order by this factor may differ by their load, and not by their order.
-const LOAD_CHANGES: f64 = 1.2;
 
 /// Takes the accepted set, or a single effect where none was accepted or one that is worse, with a size for each record, if held-out records confirm the
 /// course of the sizes and little more than noise is left then. Returns whether it did.
@@ -51,20 +47,6 @@ fn is_at_the_floor(model: &FittedModel) -> bool {
     channels.into_iter().all(|(c, channel)| {
         let (fitted, held_out) = model.residuals().rms(c);
         fitted.max(held_out) <= MOST_TIMES_FLOOR * channel.noise
-    })
-}
-
-/// Whether an input grows or falls in the order of the fitted records: what seems to follow their order may follow the load.
-fn is_ordered_by_load(problem: &Problem) -> bool {
-    let fitted = problem.data.segments.iter().filter(|s| s.judge_from > 0);
-    let loads: Vec<Vec<f64>> =
-        fitted.map(|s| s.task.inputs.iter().map(|u| stats::rms(std::slice::from_ref(u))).collect()).collect();
-    let inputs = loads.iter().map(Vec::len).min().unwrap_or(0);
-    (0..inputs).any(|i| {
-        let of: Vec<f64> = loads.iter().map(|l| l[i]).collect();
-        let (first, last) = (of[0], of[of.len() - 1]);
-        let one_way = of.windows(2).all(|w| w[1] > w[0]) || of.windows(2).all(|w| w[1] < w[0]);
-        one_way && first.max(last) > LOAD_CHANGES * first.min(last)
     })
 }
 

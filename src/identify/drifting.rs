@@ -10,6 +10,7 @@ use super::problem::{Global, Problem};
 use super::search::Context;
 use super::stats;
 use crate::effects::{Kind, parameter_at};
+use crate::measurement::segments::RecordSegment;
 use serde::Serialize;
 
 /// A number with a value for each record.
@@ -106,10 +107,41 @@ pub fn varying_numbers<'a>(
     found
 }
 
-/// Whether one number that follows the order of the records leaves noise alone: further effects would only follow its course.
+/// Whether what a model leaves is noise alone once one of its numbers follows the order of the records: further effects would only follow that
+/// course. Where loads or motions go one way with the records, the number may follow them instead, and another effect may be missing.
 pub(super) fn explains_the_rest(model: &FittedModel, context: &Context) -> bool {
+    if model.is_noise_alone() || is_ordered_by_load(&model.problem) || is_ordered_by_motion(&model.problem) {
+        return false;
+    }
     let explains = |d: &DriftingNumber| d.number.course != Course::NoOrder && d.model.is_noise_alone();
-    !model.is_noise_alone() && of_model(model, context).iter().any(explains)
+    of_model(model, context).iter().any(explains)
+}
+
+/// Records whose inputs or motions grow or fall in their order by this factor may differ by them, and not by their order.
+const LOAD_CHANGES: f64 = 1.2;
+
+/// Whether an input grows or falls in the order of the fitted records: what seems to follow their order may follow the load.
+pub(super) fn is_ordered_by_load(problem: &Problem) -> bool {
+    goes_one_way(problem, |s| &s.task.inputs)
+}
+
+/// The same of what is measured.
+fn is_ordered_by_motion(problem: &Problem) -> bool {
+    goes_one_way(problem, |s| &s.measured)
+}
+
+/// Whether the size of some series goes one way in the order of the fitted records, by more than a little.
+fn goes_one_way(problem: &Problem, series: impl Fn(&RecordSegment) -> &Vec<Vec<f64>>) -> bool {
+    let size = |own: &Vec<f64>| stats::rms(&[own.iter().copied().filter(|x| x.is_finite()).collect()]);
+    let fitted = problem.data.segments.iter().filter(|s| s.judge_from > 0);
+    let sizes: Vec<Vec<f64>> = fitted.map(|s| series(s).iter().map(size).collect()).collect();
+    let count = sizes.iter().map(Vec::len).min().unwrap_or(0);
+    (0..count).any(|i| {
+        let of: Vec<f64> = sizes.iter().map(|own| own[i]).collect();
+        let (first, last) = (of[0], of[of.len() - 1]);
+        let one_way = of.windows(2).all(|w| w[1] > w[0]) || of.windows(2).all(|w| w[1] < w[0]);
+        one_way && first.max(last) > LOAD_CHANGES * first.min(last)
+    })
 }
 
 /// Numbers of a model that differ from record to record.

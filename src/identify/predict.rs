@@ -138,34 +138,48 @@ fn share(best: &FittedModel, context: &Context) -> Option<f64> {
 /// state.
 fn noisy_records(data: &Data, m: &Machine, share: f64) -> (Data, Data) {
     let mut noisy = data.clone();
-    let noise_of = |reads: Reads| {
-        let alike = || data.channels.iter().filter(|c| m.sensors[c.sensor].reads == reads);
-        let own = |c: &MeasuredChannel| c.sensor_noise / m.values[m.sensors[c.sensor].gain];
-        let squares: f64 = alike().map(own).map(|x| x * x).sum();
-        let count = alike().count() as f64;
-        (count > 0.0).then(|| libm::sqrt(squares) / count)
-    };
-    for channel in noisy.channels.iter_mut().filter(|c| corrects(m, c.sensor)) {
-        let sensor = &m.sensors[channel.sensor];
-        let filter = |b: usize| {
-            let noise = [noise_of(Reads::Angle(b))?, noise_of(Reads::Speed(b))?];
-            Some(SteadyFilter::new(share, step_of(data), noise))
-        };
-        let not_known = match sensor.reads {
-            Reads::Angle(b) => filter(b).map(|f| f.variance[0]),
-            Reads::Speed(b) => filter(b).map(|f| f.variance[1]),
-            Reads::Acceleration(_) | Reads::Pulses { .. } | Reads::Tension(_) | Reads::Reaction(_) | Reads::Part(_) => {
-                None
-            }
-        };
-        let gain = m.values[sensor.gain];
-        channel.noise = match not_known {
-            Some(variance) => libm::sqrt(channel.sensor_noise * channel.sensor_noise + gain * gain * variance),
-            None => channel.sensor_noise / libm::sqrt(1.0 - share),
-        };
+    for (channel, noise) in noisy.channels.iter_mut().zip(noise_of_predictions(data, m, share)) {
+        channel.noise = noise;
     }
     let held_out = judge::held_out_segments(&noisy);
     (noisy, held_out)
+}
+
+/// Noise of every channel of predictions: that of its sensor, and what the filter does not know of the state.
+fn noise_of_predictions(data: &Data, m: &Machine, share: f64) -> Vec<f64> {
+    let noise = |channel: &MeasuredChannel| {
+        let (own, sensor) = (channel.sensor_noise, &m.sensors[channel.sensor]);
+        if share == 0.0 || !corrects(m, channel.sensor) {
+            return own;
+        }
+        // One sensor alone leaves s / (1 - s) of its variance.
+        let alone = noise_of(data, m, sensor.reads).map_or(0.0, |noise| noise * noise * share / (1.0 - share));
+        let variance = match sensor.reads {
+            Reads::Angle(b) => filter_of(data, m, share, b).map_or(alone, |f| f.variance[0]),
+            Reads::Speed(b) => filter_of(data, m, share, b).map_or(alone, |f| f.variance[1]),
+            Reads::Acceleration(_) | Reads::Pulses { .. } | Reads::Tension(_) | Reads::Reaction(_) | Reads::Part(_) => {
+                alone
+            }
+        };
+        let gain = m.values[sensor.gain];
+        libm::sqrt(own * own + gain * gain * variance)
+    };
+    data.channels.iter().map(noise).collect()
+}
+
+/// Noise of the mean of all sensors that show the same of a body; None: there are none.
+fn noise_of(data: &Data, m: &Machine, reads: Reads) -> Option<f64> {
+    let alike = || data.channels.iter().filter(|c| m.sensors[c.sensor].reads == reads);
+    let own = |c: &MeasuredChannel| c.sensor_noise / m.values[m.sensors[c.sensor].gain];
+    let squares: f64 = alike().map(own).map(|x| x * x).sum();
+    let count = alike().count() as f64;
+    (count > 0.0).then(|| libm::sqrt(squares) / count)
+}
+
+/// The filter of a body whose angle and speed are both measured.
+fn filter_of(data: &Data, m: &Machine, share: f64, body: usize) -> Option<SteadyFilter> {
+    let noise = [noise_of(data, m, Reads::Angle(body))?, noise_of(data, m, Reads::Speed(body))?];
+    Some(SteadyFilter::new(share, step_of(data), noise))
 }
 
 /// The whole search once more, by prediction. The set that the simulation has found takes part.
@@ -312,7 +326,10 @@ fn start<'a>(
     };
     let error = |m: &FittedModel| judge::mean_error(&m.fit_residuals);
     let mut model = fitted(problem, &set.fit.point, &set.effects);
-    let follows = |m: &FittedModel| !errs_by_more_than(m, FOLLOWS / libm::sqrt(1.0 - m.problem.correction));
+    let follows = |m: &FittedModel| {
+        let noise = noise_of_predictions(data, &m.problem.machine, m.problem.correction);
+        noise.iter().zip(&m.fit_residuals).all(|(noise, left)| stats::rms(left) <= FOLLOWS * noise)
+    };
     let mut least = follows(&model).then(|| model.clone());
     while model.problem.correction > 0.0 && !context.must_end() {
         context.report("prediction: on the way to a simulation");
@@ -448,9 +465,12 @@ fn compared(
     // The poles of the filter lie at 1 - share for speeds, and at the root of it for angles.
     let is_speed = |c: &MeasuredChannel| matches!(problem.machine.sensors[c.sensor].reads, Reads::Speed(_));
     let by_angle = !problem.data.channels.iter().any(is_speed);
+    let by_one = if by_angle { 2.0 } else { 1.0 } * step_s / share;
+    let filters = (0..problem.machine.bodies.len()).filter_map(|b| filter_of(problem.data, &problem.machine, share, b));
+    let of_both = filters.map(|f| f.memory_s(step_s));
     Prediction {
         share,
-        memory_s: if by_angle { 2.0 } else { 1.0 } * step_s / share,
+        memory_s: of_both.reduce(f64::max).unwrap_or(by_one),
         unmeasured: unmeasured(&predicted.best, share),
         simulated: errors,
         by_prediction_alone: alone(&by_prediction, &by_simulation),
@@ -508,7 +528,7 @@ fn noise_of_inputs(problem: &Problem, body: usize) -> f64 {
             .data
             .segments
             .iter()
-            .filter_map(|s| s.task.inputs.get(k).map(|own| gain * facts::noise_beside_jumps(own)))
+            .filter_map(|s| s.task.inputs.get(k).map(|own| gain * facts::noise_beside_smooth(own)))
             .collect();
         stats::rms(&[noises])
     };

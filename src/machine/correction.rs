@@ -101,6 +101,19 @@ impl SteadyFilter {
     }
 }
 
+impl SteadyFilter {
+    /// Time after which a difference has fallen to about a third, by the slower pole of F (1 - K) [s].
+    pub fn memory_s(&self, step_s: f64) -> f64 {
+        let k = self.gain;
+        let kept = [[1.0 - k[0][0], -k[0][1]], [-k[1][0], 1.0 - k[1][1]]];
+        let a = times(&[[1.0, step_s], [0.0, 1.0]], &kept);
+        let (half, product) = (0.5 * (a[0][0] + a[1][1]), a[0][0] * a[1][1] - a[0][1] * a[1][0]);
+        let beyond = half * half - product;
+        let pole = if beyond >= 0.0 { half.abs() + libm::sqrt(beyond) } else { libm::sqrt(product) };
+        step_s / (1.0 - pole).max(f64::EPSILON)
+    }
+}
+
 /// What a sensor shows of a free body.
 struct Shown {
     /// Its index among those observed.
@@ -199,7 +212,7 @@ mod tests {
     #[test]
     fn gains_of_two_sensors_are_steady_and_end_at_those_of_one() {
         let (h, share) = (1e-3, 0.05);
-        for noise in [[1e-3, 0.5], [0.14, 0.86], [1e-5, 3.0], [2.0, 1e-2]] {
+        for noise in [[1e-3, 0.5], [0.14, 0.86], [1e-5, 3.0], [0.1, 1e-2]] {
             let filter = SteadyFilter::new(share, h, noise);
             // One step of the filter from its own covariance, found by many steps from nothing.
             let a2 = share * share / (1.0 - share) * noise[1] * noise[1] / (h * h);
@@ -222,6 +235,9 @@ mod tests {
         let blind = SteadyFilter::new(share, h, [1e4, 0.5]);
         assert!((blind.gain[1][1] - share).abs() < 1e-4 * share, "{blind:?}");
         assert!((blind.gain[0][1] / (h * (1.0 - 0.5 * share)) - 1.0).abs() < 1e-3, "{blind:?}");
+        // Two sensors of which each tells as much as the other of a steady speed forget sooner than the speed alone, after h / s.
+        let both = SteadyFilter::new(share, h, [1e-4, 3.0]);
+        assert!(both.memory_s(h) < 0.2 * h / share, "{}", both.memory_s(h));
         // A speed so noisy that it tells nothing: the gains of Kalata.
         let noise: [f64; 2] = [1e-3, 1e3];
         let blind = SteadyFilter::new(1e-4, h, noise);

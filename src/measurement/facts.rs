@@ -99,9 +99,17 @@ fn fourth_differences(values: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// Noise of a series that may jump in up to half of all samples, as steps and pseudorandom sequences do.
-pub fn noise_beside_jumps(values: &[f64]) -> f64 {
-    deviation_by_median(&mut fourth_differences(values))
+/// What is beside the noise of a series stays over five samples to this part of what it is to the next one, or the noise is not known.
+const STAYS: f64 = 0.8;
+
+/// White noise of a series that is smooth beside it, as the torque of a controller is; 0 where it is not, as with a pseudorandom sequence.
+pub fn noise_beside_smooth(values: &[f64]) -> f64 {
+    let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+    let together = |lag: usize| -> f64 {
+        let pairs = values.iter().zip(values.iter().skip(lag)).map(|(a, b)| (a - mean) * (b - mean));
+        pairs.filter(|x| x.is_finite()).sum()
+    };
+    if together(4) < STAYS * together(1) { 0.0 } else { deviation_by_median(&mut fourth_differences(values)) }
 }
 
 /// Noise from fourth differences: median over blocks of their mean squares.
