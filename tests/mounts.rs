@@ -226,9 +226,9 @@ fn spans_pull_their_sprockets_as_links_do() {
 #[test]
 fn a_single_way_leaves_friction_and_a_shared_bearing_is_one_mount() {
     let more = "[effects.guide_compliance.tight]\ncompliance_um_per_kn = 0.01\n";
-    let [rigid, gives] = ["", more].map(|more| recorded("bush-20-40", more, "20ms", &[]));
+    let [rigid, gives] = ["", more].map(|more| recorded("bmw318", more, "4ms", &[]));
     let [a, b] = [&rigid, &gives].map(|(header, frames)| {
-        let mount = named(header, "guides.fixed.tight");
+        let mount = named(header, "guides.rail.tight");
         mean(&frames[frames.len() / 2..].iter().map(|f| mount.force(f)).collect::<Vec<_>>())
     });
     println!("{a:.3?} {b:.3?}");

@@ -104,17 +104,16 @@ fn carrier(header: &Header, body: usize, info: &BodyInfo) -> Mount {
     let way = |s: &BodyShift| MountLoad::Way { slider: s.slider as usize, direction: [s.direction_x, s.direction_y] };
     let mut loads: Vec<MountLoad> = info.shifts.iter().map(way).collect();
     let mut notes = Vec::new();
-    match loads[..] {
-        [] => {
-            loads.push(MountLoad::Contacts(body as u32));
-            let spans = spans_on(header, info);
-            if !spans.is_empty() {
-                notes.push("each span's pull is too large by m' v^2, which presses on no sprocket".into());
-            }
-            loads.extend(spans);
+    if let [MountLoad::Way { direction, .. }] = loads[..] {
+        loads.push(MountLoad::Across { body: body as u32, direction });
+    }
+    if loads.is_empty() {
+        loads.push(MountLoad::Contacts(body as u32));
+        let spans = spans_on(header, info);
+        if !spans.is_empty() {
+            notes.push("each span's pull is too large by m' v^2, which presses on no sprocket".into());
         }
-        [MountLoad::Way { direction, .. }] => loads.push(MountLoad::Across { body: body as u32, direction }),
-        _ => {}
+        loads.extend(spans);
     }
     if header.sliders.iter().any(|path| path.starts_with(&format!("{}.bending.", info.path))) {
         notes.push("the inertia of what bends is left out".into());

@@ -120,7 +120,8 @@ impl WatchedMount {
 
     fn finish(self, header: &crate::recording::frame::Header) -> MountForces {
         let n = self.series.len().max(1) as f64;
-        let mean = [0, 1].map(|i| self.series.iter().map(|(_, f)| f[i]).sum::<f64>() / n);
+        let sum = self.series.iter().fold([0.0; 2], |[x, y], (_, [fx, fy])| [x + fx, y + fy]);
+        let mean = sum.map(|sum| sum / n);
         let off = |f: &[f64; 2]| (f[0] - mean[0]).powi(2) + (f[1] - mean[1]).powi(2);
         let swing_n = libm::sqrt(self.series.iter().map(|(_, f)| off(f)).sum::<f64>() / n);
         let size = |f: &[f64; 2]| libm::hypot(f[0], f[1]);

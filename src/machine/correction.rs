@@ -35,21 +35,21 @@ pub fn speed_share(share: f64) -> f64 {
 }
 
 /// A matrix of two rows.
-type Pair = [[f64; 2]; 2];
+type Square2 = [[f64; 2]; 2];
 
-fn times(a: &Pair, b: &Pair) -> Pair {
+fn times(a: &Square2, b: &Square2) -> Square2 {
     std::array::from_fn(|i| std::array::from_fn(|j| a[i][0] * b[0][j] + a[i][1] * b[1][j]))
 }
 
-fn plus(a: &Pair, b: &Pair) -> Pair {
+fn plus(a: &Square2, b: &Square2) -> Square2 {
     std::array::from_fn(|i| std::array::from_fn(|j| a[i][j] + b[i][j]))
 }
 
-fn transposed(a: &Pair) -> Pair {
+fn transposed(a: &Square2) -> Square2 {
     [[a[0][0], a[1][0]], [a[0][1], a[1][1]]]
 }
 
-fn inverse(a: &Pair) -> Pair {
+fn inverse(a: &Square2) -> Square2 {
     let by = 1.0 / (a[0][0] * a[1][1] - a[0][1] * a[1][0]);
     [[by * a[1][1], -by * a[0][1]], [-by * a[1][0], by * a[0][0]]]
 }
@@ -115,7 +115,7 @@ impl SteadyFilter {
 }
 
 /// What a sensor shows of a free body.
-struct Shown {
+struct CorrectingSensor {
     /// Its index among those observed.
     sensor: usize,
     body: usize,
@@ -128,7 +128,7 @@ struct Shown {
 pub(super) struct Correction<'a> {
     observed: Observed<'a>,
     /// The sensors that correct.
-    from: Vec<Shown>,
+    from: Vec<CorrectingSensor>,
     /// For each body, whether a correction of its speed corrects its angle too. It does where no sensor shows the angle and no spring ends at the body.
     is_carried: Vec<bool>,
     /// For each body whose angle and speed are both shown, its filter.
@@ -152,15 +152,15 @@ impl<'a> Correction<'a> {
         let alike = |b: usize, is_speed: bool| all.iter().filter(|(_, o, s)| (*o, *s) == (b, is_speed)).count() as f64;
         let shown = |(sensor, body, is_speed): &(usize, usize, bool)| {
             let weight = 1.0 / alike(*body, *is_speed);
-            Shown { sensor: *sensor, body: *body, is_speed: *is_speed, weight }
+            CorrectingSensor { sensor: *sensor, body: *body, is_speed: *is_speed, weight }
         };
-        let from: Vec<Shown> = all.iter().map(shown).collect();
+        let from: Vec<CorrectingSensor> = all.iter().map(shown).collect();
         let told = |b: usize| {
             let by_spring = m.springs.iter().any(|s| s.ends.iter().any(|e| e.body == b));
             by_spring || all.iter().any(|(_, o, is_speed)| *o == b && !is_speed)
         };
         let noise_of = |b: usize, is_speed: bool| {
-            let mean = |s: &Shown| {
+            let mean = |s: &CorrectingSensor| {
                 let own = observed.noise[s.sensor] / ready.values[m.sensors[observed.sensors[s.sensor]].gain];
                 s.weight * own * s.weight * own
             };
@@ -182,7 +182,7 @@ impl<'a> Correction<'a> {
         dq.fill(0.0);
         dv.fill(0.0);
         let share = self.observed.share;
-        for Shown { sensor, body, is_speed, weight } in &self.from {
+        for CorrectingSensor { sensor, body, is_speed, weight } in &self.from {
             let measured = self.observed.measured[*sensor].get(sample).copied().unwrap_or(f64::NAN);
             if !measured.is_finite() {
                 continue;
