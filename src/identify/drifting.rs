@@ -125,7 +125,7 @@ pub(super) fn is_ordered_by_load(problem: &Problem) -> bool {
     goes_one_way(problem, |s| &s.task.inputs)
 }
 
-/// The same of what is measured.
+/// Whether a measured series grows or falls in the order of the fitted records: what seems to follow their order may follow the motion.
 fn is_ordered_by_motion(problem: &Problem) -> bool {
     goes_one_way(problem, |s| &s.measured)
 }

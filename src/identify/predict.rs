@@ -499,7 +499,7 @@ fn unmeasured(best: &FittedModel, share: f64) -> Vec<UnmeasuredForce> {
     let (values, _) = problem.numbers(0, &best.fit.point.globals, &best.fit.point.locals[0]);
     let of = |(b, body): (usize, &crate::machine::Body)| {
         let inertia = values[body.inertia?];
-        // That of predictions from this sensor alone.
+        // A prediction from this sensor alone errs by its noise over sqrt(1 - share).
         let shown = |reads: Reads| {
             let channel = problem.data.channels.iter().find(|c| m.sensors[c.sensor].reads == reads)?;
             Some(

@@ -74,7 +74,7 @@ const STEADY: f64 = 1e-14;
 impl SteadyFilter {
     /// For a share, the time of a sample [s], and the noise of both sensors.
     pub fn new(share: f64, step_s: f64, [angle, speed]: [f64; 2]) -> SteadyFilter {
-        // In units in which a sample takes no longer than 1 and the speed's noise is 1.
+        // The unit of time is a sample, and the unit of speed is the speed's noise.
         let turned = (step_s * speed).max(LEAST_RATIO * angle).max(1e-150);
         let of_angle = (angle / turned).max(LEAST_RATIO);
         let force = share * share / (1.0 - share);
@@ -99,9 +99,7 @@ impl SteadyFilter {
             variance: [p[0][0] * turned * turned, p[1][1] * (turned / step_s) * (turned / step_s)],
         }
     }
-}
 
-impl SteadyFilter {
     /// Time after which a difference has fallen to about a third, by the slower pole of F (1 - K) [s].
     pub fn memory_s(&self, step_s: f64) -> f64 {
         let k = self.gain;
@@ -235,7 +233,7 @@ mod tests {
         let blind = SteadyFilter::new(share, h, [1e4, 0.5]);
         assert!((blind.gain[1][1] - share).abs() < 1e-4 * share, "{blind:?}");
         assert!((blind.gain[0][1] / (h * (1.0 - 0.5 * share)) - 1.0).abs() < 1e-3, "{blind:?}");
-        // Two sensors of which each tells as much as the other of a steady speed forget sooner than the speed alone, after h / s.
+        // An exact angle beside a noisy speed: the filter forgets sooner than h / s, the memory of the speed alone.
         let both = SteadyFilter::new(share, h, [1e-4, 3.0]);
         assert!(both.memory_s(h) < 0.2 * h / share, "{}", both.memory_s(h));
         // A speed so noisy that it tells nothing: the gains of Kalata.

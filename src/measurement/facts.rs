@@ -99,8 +99,10 @@ fn fourth_differences(values: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// What is beside the noise of a series stays over five samples to this part of what it is to the next one, or the noise is not known.
+/// The correlation over four samples is at least this part of that over one, where what is beside the noise is smooth.
 const STAYS: f64 = 0.8;
+/// The correlation over one sample is at least this: with less, most of the series would be noise.
+const SMOOTH: f64 = 0.5;
 
 /// White noise of a series that is smooth beside it, as the torque of a controller is; 0 where it is not, as with a pseudorandom sequence.
 pub fn noise_beside_smooth(values: &[f64]) -> f64 {
@@ -109,7 +111,8 @@ pub fn noise_beside_smooth(values: &[f64]) -> f64 {
         let pairs = values.iter().zip(values.iter().skip(lag)).map(|(a, b)| (a - mean) * (b - mean));
         pairs.filter(|x| x.is_finite()).sum()
     };
-    if together(4) < STAYS * together(1) { 0.0 } else { deviation_by_median(&mut fourth_differences(values)) }
+    let is_smooth = together(1) >= SMOOTH * together(0) && together(4) >= STAYS * together(1);
+    if is_smooth { deviation_by_median(&mut fourth_differences(values)) } else { 0.0 }
 }
 
 /// Noise from fourth differences: median over blocks of their mean squares.
