@@ -18,6 +18,7 @@ mod read;
 pub mod reader;
 pub mod sensors;
 pub mod shafts;
+pub mod torsion;
 pub mod valves;
 
 use crate::diag::Report;
@@ -141,6 +142,8 @@ pub struct Drive {
     pub spans: Vec<SpanSpec>,
     /// Shafts that carry several sprockets; a sprocket may have none.
     pub shafts: Vec<ShaftSpec>,
+    /// Shafts that twist, each held by what turns it at one end.
+    pub elastic_shafts: Vec<torsion::ElasticShaftSpec>,
     /// Bearings that let sprockets, shafts and rails give way.
     pub bearings: Vec<bearings::BearingSpec>,
     /// How the driver turns, loads and couplings.

@@ -277,6 +277,8 @@ pub struct Model {
     pub driver_motion: Option<DriverMotion>,
     /// Coordinates of shafts without sprockets, then of arms, in the order of the drive.
     turning_parts: Vec<usize>,
+    /// Of every elastic shaft the coordinates whose weighted sum is the turn of its free end against what turns it.
+    pub free_ends: Vec<Vec<(usize, f64)>>,
     /// Contour of the links' ends of every chain; None: it has bushes and plate ends only.
     pub contours: Vec<Option<LinkContour>>,
     /// Bodies that the contours of links touch: rings of abutment chains, teeth of silent sprockets.
@@ -397,6 +399,7 @@ impl Model {
             mounts: Vec::new(),
             driver_motion: None,
             turning_parts: Vec::new(),
+            free_ends: Vec::new(),
             bores: vec![build_bore(drive, &placed.rows)],
             contours: vec![placed.contour.clone()],
             end_bodies,
@@ -450,6 +453,7 @@ impl Model {
             mounts: Vec::new(),
             driver_motion: None,
             turning_parts: Vec::new(),
+            free_ends: Vec::new(),
             bores: vec![None],
             contours: vec![None],
             end_bodies: Vec::new(),

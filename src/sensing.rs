@@ -30,6 +30,9 @@ pub fn read(model: &Model, state: &State, scratch: &Scratch, reads: SensorReads)
         SensorReads::Guide(k) => guide_force(model, scratch, k),
         SensorReads::Slider(k) => r.angle[model.sliders[k].coordinate],
         SensorReads::Valve(k) => model.cams().nth(k).map_or(f64::NAN, |cam| r.angle[cam.valve]),
+        SensorReads::Twist(k) => {
+            model.free_ends.get(k).map_or(f64::NAN, |end| end.iter().map(|(q, weight)| weight * r.angle[*q]).sum())
+        }
         SensorReads::Tip(k) => {
             let is_tip =
                 |s: &TouchShape| matches!(s, TouchShape::Tip { slider, .. } if *slider == model.sliders[k].coordinate);

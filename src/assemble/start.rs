@@ -69,13 +69,14 @@ fn put_followers(model: &Model, state: &mut State) {
             continue;
         }
         let lift_m = match has_lifter {
-            true => cam.ratio * cam.lift(q.angle[cam.shaft]).lift_m,
+            true => cam.ratio * cam.lift(cam.turn(&q.angle)).lift_m,
             false => q.angle[cam.follower] - cam.ratio * gap.gap_m,
         };
-        let speed = -cam.ratio * gap.slope[1] * q.omega[cam.shaft];
-        let bend = cam.ratio * gap.bend[2] * q.omega[cam.shaft] * q.omega[cam.shaft];
+        let omega = cam.turn(&q.omega);
+        let speed = -cam.ratio * gap.slope[1] * omega;
+        let bend = cam.ratio * gap.bend[2] * omega * omega;
         let inertia_n = |k: usize| 1.0 / model.coordinates[k].inverse_inertia() * bend;
-        let gas_n = model.gas_n(i, q.angle[cam.shaft]);
+        let gas_n = model.gas_n(i, cam.turn(&q.angle));
         let rests_n = |valve_m: f64| model.valve_spring_n(cam.valve, valve_m) + gas_n;
         let (mut valve_m, mut force) = (lift_m, rests_n(lift_m) - inertia_n(cam.valve));
         if has_lifter {

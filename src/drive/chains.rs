@@ -245,7 +245,8 @@ impl Drive {
         self.shaft_speed_rad_s(sprocket) * self.sprockets[sprocket].wrap.sign()
     }
 
-    /// Rows of what turns: shafts and sprockets in the order of the chains, then arms, then shafts without sprockets. Paths in the file.
+    /// Rows of what turns: shafts and sprockets in the order of the chains, then arms, then shafts without sprockets, then modes of elastic
+    /// shafts. Paths in the file.
     pub fn coordinate_paths(&self) -> Vec<String> {
         let mut paths: Vec<String> = Vec::new();
         for s in &self.sprockets {
@@ -263,6 +264,7 @@ impl Drive {
             paths.extend(own.iter().map(|a| format!("arms.{}", a.name)));
         }
         paths.extend(self.bare_shafts().into_iter().map(|k| format!("shafts.{}", self.shafts[k].name)));
+        paths.extend(self.elastic_shafts.iter().flat_map(|s| s.mode_paths()));
         paths
     }
 

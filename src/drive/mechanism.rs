@@ -2,6 +2,7 @@
 
 use super::reader::TomlTable;
 use super::sensors::MechanismNames;
+use super::torsion::ElasticShaftSpec;
 use super::{ArmSpec, ContactSpec, OilEffects};
 use crate::diag::last_name;
 use crate::effects::{Effect, leak_gap, oil_air, orifice_diameter};
@@ -522,11 +523,12 @@ pub(super) fn read_slit(t: &TomlTable<'_>, diameter_m: f64) -> AnnularGap {
 /// Names of sliders, valves, chambers and passages, for sensors.
 pub(super) fn parts<'a>(
     sliders: &'a [SliderSpec],
-    valves: Vec<String>,
+    (valves, elastic_shafts): (Vec<String>, &'a [ElasticShaftSpec]),
     oil: Option<&'a OilSpec>,
 ) -> MechanismNames<'a> {
     MechanismNames {
         valves,
+        elastic_shafts: elastic_shafts.iter().map(|s| s.name.as_str()).collect(),
         sliders: sliders.iter().map(|s| s.name.as_str()).collect(),
         chambers: oil.iter().flat_map(|o| &o.chambers).map(|c| c.name.as_str()).collect(),
         passages: oil.iter().flat_map(|o| &o.passages).map(|p| crate::diag::last_name(&p.path)).collect(),

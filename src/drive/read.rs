@@ -11,7 +11,7 @@ use super::{
     ArmSpec, ChainFidelity, ChainPart, ChainSpec, Drive, FaceForm, JointSpec, OuterSpec, PreloadSpec, RailSpec,
     RingForm, RunSpec, ScatterSpec, Scheme, ShaftSpec, SpanSpec, SprocketDrive,
 };
-use super::{effects, lifters, mechanism, sensors};
+use super::{effects, lifters, mechanism, sensors, torsion};
 use crate::geometry::chain::abutment::{AbutmentChain, Handover};
 use crate::geometry::chain::bush::{BushChain, RollerSpec, RowSpec};
 use crate::geometry::chain::silent::{SilentChain, SilentLinkForm, SilentRowSpec};
@@ -54,6 +54,7 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     let mut oil = mechanism::read_oil(root, &sliders, valves::have_lifters(root));
     let moving = MovingNames { sprockets: &sprockets, shafts: &shafts, arms: &arms, sliders: &sliders };
     let mut train = ShaftTrain { motion, couplings: shafts::read_couplings(root, &moving), ..ShaftTrain::default() };
+    let elastic_shafts = torsion::read_elastic_shafts(root, &moving);
     shafts::read_loads(&loads, &moving, &mut train);
     loads.finish();
     let effect_table = root.table("effects");
@@ -70,7 +71,13 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
         let on_chain = |r: &&RailSpec| sprockets.get(r.span).is_some_and(|s| s.chain == chain);
         rails.iter().filter(on_chain).filter(|r| r.bending.is_some()).map(|r| r.name.as_str()).collect()
     };
-    let carriers = CamCarriers { sprockets: &sprockets, shafts: &shafts, bearings: &bearings, oil: oil.as_ref() };
+    let carriers = CamCarriers {
+        sprockets: &sprockets,
+        shafts: &shafts,
+        elastic_shafts: &elastic_shafts,
+        bearings: &bearings,
+        oil: oil.as_ref(),
+    };
     let valves = valves::read_valves(root, &carriers);
     if let Some(oil) = &mut oil {
         lifters::add_oil(root, oil, &valves::lifters(&valves));
@@ -91,7 +98,7 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     let chain_names = chains.iter().map(|(name, _)| name.clone()).collect();
     several.finish();
     let driver = sprockets.iter().find(|s| matches!(s.outer, OuterSpec::Speed { .. })).map(|s| s.name.clone());
-    let parts = mechanism::parts(&sliders, valves::names(&valves), oil.as_ref());
+    let parts = mechanism::parts(&sliders, (valves::names(&valves), &elastic_shafts), oil.as_ref());
     // In the order of the bodies: guides, then rails.
     let guide_names: Vec<&str> =
         guides.iter().map(|g| g.name.as_str()).chain(rails.iter().map(|r| r.name.as_str())).collect();
@@ -137,6 +144,7 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
         chain_names,
         spans: span_numbers,
         shafts,
+        elastic_shafts,
         bearings,
         train,
         sprockets,

@@ -69,7 +69,7 @@ pub enum LumpedReads {
 }
 
 /// All kinds. A drive with links reads them in this order.
-pub static SENSORS: [SensorKind; 10] = [
+pub static SENSORS: [SensorKind; 11] = [
     SensorKind {
         name: "encoder",
         reads: "angle of a rotor",
@@ -140,6 +140,15 @@ pub static SENSORS: [SensorKind; 10] = [
         keys: "body; links: or valve = \"VALVE.NUMBER\"",
         lumped: Some(LumpedReads::Position),
         links: Some(|s| s.displacement()),
+        has_angle_errors: false,
+    },
+    SensorKind {
+        name: "twist",
+        reads: "turn of an elastic shaft's free end against what turns it",
+        unit: "rad",
+        keys: "shaft",
+        lumped: None,
+        links: Some(|s| SensorReads::Twist(s.named("elastic shaft", "shaft", &s.targets.parts.elastic_shafts))),
         has_angle_errors: false,
     },
     SensorKind {
@@ -246,6 +255,8 @@ pub enum SensorReads {
     Valve(usize),
     /// Force of this slider's tip [N].
     Tip(usize),
+    /// Turn of this elastic shaft's free end against what turns it [rad].
+    Twist(usize),
     /// Gauge pressure in this chamber [Pa], and flow through this passage from its first end to its second [m3/s].
     Pressure(usize),
     /// Flow through this passage from its first end to its second [m3/s].
@@ -256,7 +267,7 @@ impl SensorReads {
     /// SI unit of the reading.
     pub fn unit(self) -> &'static str {
         match self {
-            SensorReads::Angle(_) => "rad",
+            SensorReads::Angle(_) | SensorReads::Twist(_) => "rad",
             SensorReads::Speed(_) => "rad/s",
             SensorReads::Acceleration(_) => "rad/s^2",
             SensorReads::Torque(_) => "N m",
@@ -287,10 +298,11 @@ pub fn is_signal(effect: &Effect) -> bool {
         && matches!(effect.on, On::Sensor | On::AngleSensor)
 }
 
-/// Names of sliders, valves, chambers and passages.
+/// Names of sliders, valves, elastic shafts, chambers and passages.
 pub struct MechanismNames<'a> {
     pub(super) sliders: Vec<&'a str>,
     pub(super) valves: Vec<String>,
+    pub(super) elastic_shafts: Vec<&'a str>,
     pub(super) chambers: Vec<&'a str>,
     pub(super) passages: Vec<&'a str>,
 }

@@ -187,7 +187,7 @@ pub(super) struct MovingNames<'a> {
 }
 
 impl MovingNames<'_> {
-    fn find(&self, name: &str) -> Option<Moving> {
+    pub(super) fn find(&self, name: &str) -> Option<Moving> {
         let sprocket = self.sprockets.iter().position(|s| s.name == name).map(Moving::Sprocket);
         let shaft = || self.shafts.iter().position(|s| s.name == name).map(Moving::Shaft);
         let arm = || self.arms.iter().position(|a| a.name == name).map(Moving::Arm);
@@ -202,7 +202,7 @@ impl MovingNames<'_> {
     }
 
     /// The moving part that `name` means; an error of `t` where there is none.
-    fn required(&self, t: &TomlTable<'_>, name: &str) -> Moving {
+    pub(super) fn required(&self, t: &TomlTable<'_>, name: &str) -> Moving {
         self.find(name).unwrap_or_else(|| {
             t.error(format!("nothing that moves is called `{name}`"), Some(format!("there are: {}", self.all())));
             Moving::Sprocket(0)

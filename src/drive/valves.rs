@@ -1,7 +1,7 @@
 //! Valve trains of a drive with links: their keys, units and ranges, and what cannot be.
 //!
 //! ```text
-//! [valves.NAME]                   body, phases_deg, direction_deg, base_radius_mm, roller_radius_mm, lash_um, mass_g, spring_n_per_mm, spring_n,
+//! [valves.NAME]                   body, along_mm, phases_deg, direction_deg, base_radius_mm, roller_radius_mm, lash_um, mass_g, spring_n_per_mm, spring_n,
 //!                                 damping_n_s_per_m, spring_mass_g, spring_parts, spring_damping_percent
 //! [valves.NAME.lifter]            see `lifters`
 //! [valves.NAME.rocker]            ratio, inertia_kg_m2, arm_mm
@@ -16,6 +16,7 @@ use super::bearings::{BearingSpec, Carried};
 use super::lifters::{LifterSpec, read_lifter};
 use super::mechanism::{BAR, OilSpec};
 use super::reader::TomlTable;
+use super::torsion::ElasticShaftSpec;
 use super::{ContactSpec, ShaftSpec, SprocketDrive};
 use crate::elements::lift_law::{LiftLaw, LiftShape, LiftTable, polynomial};
 use crate::elements::load::PressureTable;
@@ -50,6 +51,15 @@ pub struct GasSpec {
     pub pressures: PressureTable,
 }
 
+/// Cams along an elastic shaft.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CamPlaces {
+    /// Index of the elastic shaft.
+    pub shaft: usize,
+    /// Distance of every cam from what turns the shaft [m].
+    pub along_m: Vec<f64>,
+}
+
 /// Valves alike, each with a cam of its own on one shaft.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ValveSpec {
@@ -57,6 +67,8 @@ pub struct ValveSpec {
     pub name: String,
     /// The sprocket that turns with the cams.
     pub sprocket: usize,
+    /// Where the cams stand along an elastic shaft that turns with that; None: on what turns with the sprocket as one.
+    pub along: Option<CamPlaces>,
     /// For each valve the turn of the shaft, in its own sense and from the start of the recording, at which the cam gives full lift [rad].
     pub phases_rad: Vec<f64>,
     /// Lift over the angle of the cam.
@@ -156,14 +168,23 @@ const SPRING_PARTS: usize = 8;
 pub(super) struct CamCarriers<'a> {
     pub(super) sprockets: &'a [SprocketDrive],
     pub(super) shafts: &'a [ShaftSpec],
+    pub(super) elastic_shafts: &'a [ElasticShaftSpec],
     pub(super) bearings: &'a [BearingSpec],
     /// Where the oil of lifters may come from and go to.
     pub(super) oil: Option<&'a OilSpec>,
 }
 
 impl CamCarriers<'_> {
-    /// The sprocket called so, or the first on the shaft called so.
+    /// The elastic shaft called so, with its index.
+    fn elastic(&self, name: &str) -> Option<(usize, &ElasticShaftSpec)> {
+        self.elastic_shafts.iter().enumerate().find(|(_, s)| s.name == name)
+    }
+
+    /// The sprocket called so, or the first on the shaft or elastic shaft called so.
     fn find(&self, name: &str) -> Option<usize> {
+        if let Some((_, elastic)) = self.elastic(name) {
+            return elastic.sprocket;
+        }
         let shaft = self.shafts.iter().position(|s| s.name == name);
         let on_shaft = || self.sprockets.iter().position(|s| shaft.is_some() && s.shaft == shaft);
         self.sprockets.iter().position(|s| s.name == name).or_else(on_shaft)
@@ -218,7 +239,7 @@ fn read_valve(name: String, t: &TomlTable<'_>, carriers: &CamCarriers<'_>) -> Va
     if sprocket.is_none() {
         let known: Vec<&str> = carriers.sprockets.iter().map(|s| s.name.as_str()).collect();
         let help = Some(format!("name a sprocket, or a shaft with one: {}", known.join(", ")));
-        match body {
+        match &body {
             Some(body) => t.error_at("body", format!("no cam can turn with `{body}`"), help),
             None => t.error(format!("nothing turns the cams of `{name}`"), help),
         }
@@ -231,6 +252,8 @@ fn read_valve(name: String, t: &TomlTable<'_>, carriers: &CamCarriers<'_>) -> Va
             Some(help.into()),
         );
     }
+    let phases_rad = t.list("phases_deg", DEG, -3600.0..=3600.0).unwrap_or_else(|| vec![0.0]);
+    let along = read_places(t, body.as_deref().and_then(|body| carriers.elastic(body)), phases_rad.len());
     let roller_m = t.number("roller_radius_mm", MM, 0.1..=1e3);
     let base_m = t.required("base_radius_mm", MM, 0.1..=1e3);
     let law = read_lift(&t.table("lift"));
@@ -255,7 +278,8 @@ fn read_valve(name: String, t: &TomlTable<'_>, carriers: &CamCarriers<'_>) -> Va
         rocker: read_rocker(&t.table("rocker")),
         gas: read_gas(&t.table("gas")),
         sprocket: sprocket.unwrap_or(0),
-        phases_rad: t.list("phases_deg", DEG, -3600.0..=3600.0).unwrap_or_else(|| vec![0.0]),
+        along,
+        phases_rad,
         direction_rad: t.number("direction_deg", DEG, -360.0..=360.0).unwrap_or(0.5 * PI),
         base_m,
         roller_m,
@@ -275,6 +299,29 @@ fn read_valve(name: String, t: &TomlTable<'_>, carriers: &CamCarriers<'_>) -> Va
     }
     check_contour(t, &spec);
     spec
+}
+
+/// Where `cams` cams stand along an elastic shaft.
+fn read_places(t: &TomlTable<'_>, on: Option<(usize, &ElasticShaftSpec)>, cams: usize) -> Option<CamPlaces> {
+    let Some((shaft, spec)) = on else {
+        if t.has("along_mm") {
+            let help = "name an elastic shaft as `body` (`[elastic_shafts.NAME]`)";
+            t.error_at("along_mm", "these cams turn with their sprocket as one".into(), Some(help.into()));
+        }
+        return None;
+    };
+    let along_m = t.list("along_mm", MM, 0.0..=1e5).unwrap_or_default();
+    if along_m.len() != cams {
+        let title = format!("{} places along `{}` for {cams} cams", along_m.len(), spec.name);
+        t.error_at("along_mm", title, Some("give the distance of every cam from what turns the shaft".into()));
+        return None;
+    }
+    let length_m = spec.shaft.length_m;
+    if let Some(beyond) = along_m.iter().find(|at| **at > length_m) {
+        let title = format!("{:.1} mm lies beyond the shaft's end at {:.1} mm", beyond / MM, length_m / MM);
+        t.error_at("along_mm", title, None);
+    }
+    Some(CamPlaces { shaft, along_m })
 }
 
 fn read_rocker(t: &TomlTable<'_>) -> Option<RockerSpec> {

@@ -16,3 +16,4 @@ pub mod oil;
 pub mod passage;
 pub mod plain_bearing;
 pub mod span;
+pub mod torsion;

@@ -113,13 +113,16 @@ impl RigidContacts {
             if gap.gap_m > 0.0 {
                 continue;
             }
-            let share = |n: usize| (gap.coordinates[n], [gap.slope[n], gap.slide[n]]);
-            let both = [share(0), share(1)];
-            let coordinates: Vec<_> = if both[0].0 == both[1].0 {
-                vec![(both[0].0, [both[0].1[0] + both[1].1[0], both[0].1[1] + both[1].1[1]])]
-            } else {
-                both.to_vec()
-            };
+            let mut coordinates: Shares = Vec::new();
+            for side in [0, 1] {
+                for (k, weight) in touch.shape.parts_of(&gap, side) {
+                    let own = [weight * gap.slope[side], weight * gap.slide[side]];
+                    match coordinates.iter_mut().find(|(known, _)| *known == k) {
+                        Some((_, shares)) => shares.iter_mut().zip(own).for_each(|(sum, more)| *sum += more),
+                        None => coordinates.push((k, own)),
+                    }
+                }
+            }
             let past = [state.touches.normal_force[i], state.touches.tangential_force[i]];
             self.push(model, state, (ContactPlace::Touch(i), None, coordinates), (touch.friction, past, -gap.gap_m));
         }

@@ -137,7 +137,8 @@ pub fn step_bound(model: &Model) -> StepBound {
             TouchShape::Stop { .. } | TouchShape::Between { .. } | TouchShape::Tip { .. } => 0.0,
         };
         let slope = [gap.slope[0], if steepest > 0.0 { steepest } else { gap.slope[1] }];
-        let by = |i: usize| slope[i].powi(2) * model.coordinates[gap.coordinates[i]].inverse_inertia();
+        let inverse = |(k, weight): (usize, f64)| weight * weight * model.coordinates[k].inverse_inertia();
+        let by = |i: usize| slope[i].powi(2) * touch.shape.parts_of(&gap, i).map(inverse).sum::<f64>();
         let load = ContactLoad { speed_m_s: SPEED_OF_PARTS_M_S, rest_n: PEAK_FORCE_N };
         bounds.extend(contact_bounds(&touch.path, (&touch.law, touch.radii, load), by(0) + by(1)));
     }

@@ -94,6 +94,7 @@ impl Machine {
                 | SensorReads::Guide(_)
                 | SensorReads::Slider(_)
                 | SensorReads::Valve(_)
+                | SensorReads::Twist(_)
                 | SensorReads::Tip(_)
                 | SensorReads::Pressure(_)
                 | SensorReads::Flow(_) => Reads::Part(s.reads.unit()),

@@ -281,6 +281,7 @@ impl PeriodicResponse {
                 | SensorReads::Guide(_)
                 | SensorReads::Slider(_)
                 | SensorReads::Valve(_)
+                | SensorReads::Twist(_)
                 | SensorReads::Tip(_)
                 | SensorReads::Pressure(_)
                 | SensorReads::Flow(_) => None,

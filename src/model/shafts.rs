@@ -2,12 +2,14 @@
 
 use super::Model;
 use crate::drive::shafts::Moving;
+use crate::drive::torsion::ElasticShaftSpec;
 use crate::drive::{Drive, OuterSpec};
 use crate::effects::Physics;
 use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
 use crate::elements::coupling::Coupling;
 use crate::elements::driver_motion::DriverMotion;
 use crate::elements::load::{Load, OrderLoad};
+use crate::elements::torsion::TorsionMode;
 
 impl Model {
     /// Puts in what turns without a sprocket, and what acts on shafts, arms and sliders. Comes before the oil: what turns stands before what
@@ -21,11 +23,17 @@ impl Model {
             of_shaft[k] = match on_sprockets(k) {
                 Some(sprocket) => self.sprockets[sprocket].coordinate,
                 None => {
-                    added.push(free_shaft(&shaft.name, shaft.outer));
+                    added.push(free_shaft(format!("shafts.{}", shaft.name), shaft.outer));
                     first + added.len() - 1
                 }
             };
         }
+        let first_mode = first + added.len();
+        let modes = |s: &'_ ElasticShaftSpec| -> Vec<Coordinate> {
+            let inertia = |disc: TorsionMode| OuterSpec::Load { inertia_kg_m2: disc.inertia_kg_m2, torque_nm: 0.0 };
+            s.mode_paths().zip(s.shaft.discs()).map(|(path, disc)| free_shaft(path, inertia(disc))).collect()
+        };
+        added.extend(drive.elastic_shafts.iter().flat_map(modes));
         self.make_room(first, added.len());
         self.coordinates.splice(first..first, added);
         let coordinate = |m: Moving, model: &Model| match m {
@@ -42,6 +50,23 @@ impl Model {
                 stiffness_nm_per_rad: c.stiffness_nm_per_rad,
                 damping_nm_s_per_rad: c.damping_nm_s_per_rad,
             });
+        }
+        let mut disc = first_mode;
+        for s in &drive.elastic_shafts {
+            let body = coordinate(s.body, self);
+            self.coordinates[body].add_inertia(s.shaft.rigid_inertia_kg_m2());
+            let ends: Vec<(usize, f64)> = (disc..).zip(s.shaft.shares_at(s.shaft.length_m)).collect();
+            let of_body = -ends.iter().map(|(_, share)| share).sum::<f64>();
+            self.free_ends.push(ends.into_iter().chain([(body, of_body)]).collect());
+            for (path, mode) in s.mode_paths().zip(s.shaft.discs()) {
+                self.couplings.push(Coupling {
+                    path,
+                    ends: [body, disc],
+                    stiffness_nm_per_rad: mode.stiffness_nm_per_rad,
+                    damping_nm_s_per_rad: mode.damping_nm_s_per_rad,
+                });
+                disc += 1;
+            }
         }
         self.spread_nominal_speeds();
         for l in &drive.train.loads {
@@ -163,9 +188,9 @@ fn find<T>(all: &[T], is: impl Fn(&T) -> bool) -> &T {
     all.iter().find(|t| is(t)).expect("every part of the drive is in its model")
 }
 
-fn free_shaft(name: &str, outer: OuterSpec) -> Coordinate {
+fn free_shaft(path: String, outer: OuterSpec) -> Coordinate {
     Coordinate {
-        path: format!("shafts.{name}"),
+        path,
         kind: CoordinateKind::Turns,
         motion: match outer {
             // Refused when the drive is read.

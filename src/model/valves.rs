@@ -4,7 +4,7 @@ use super::Model;
 use crate::drive::Drive;
 use crate::drive::lifters::LifterSpec;
 use crate::drive::mechanism::PassageLaw;
-use crate::drive::valves::ValveSpec;
+use crate::drive::valves::{CamPlaces, ValveSpec};
 use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
 use crate::elements::coupling::Coupling;
@@ -55,6 +55,7 @@ impl Model {
             follower,
             valve,
             shaft: sprocket.coordinate,
+            turns_by: spec.along.as_ref().map_or_else(Vec::new, |cams| self.turns_by(drive, cams, number)),
             axis: sprocket.frame.origin,
             direction: unit(spec.direction_rad),
             law: spec.law.clone(),
@@ -102,6 +103,17 @@ impl Model {
             self.touches.push(inner);
             self.touches.extend(outer);
         }
+    }
+
+    /// Coordinates, with weights, that the cam with this number turns by on its elastic shaft.
+    fn turns_by(&self, drive: &Drive, cams: &CamPlaces, number: usize) -> Vec<(usize, f64)> {
+        let spec = &drive.elastic_shafts[cams.shaft];
+        let coordinate = |path: String| self.coordinates.iter().position(|c| c.path == path);
+        let discs = spec.mode_paths().filter_map(coordinate).zip(spec.shaft.shares_at(cams.along_m[number]));
+        let discs: Vec<(usize, f64)> = discs.collect();
+        let body = spec.sprocket.map(|k| self.sprockets[k].coordinate);
+        let left = 1.0 - discs.iter().map(|(_, share)| share).sum::<f64>();
+        body.into_iter().map(|k| (k, left)).chain(discs).collect()
     }
 
     /// Puts the masses of a valve's spring in, from the head to the valve, and the parts of the spring between them.
@@ -170,7 +182,7 @@ impl Model {
             let speed = self.coordinates[cam.shaft].nominal_speed_rad_s;
             cam.sense = if speed < 0.0 { -1.0 } else { 1.0 };
             let shaft_rad = turned_rad.abs() * (speed / driver_rad_s).abs();
-            cam.offset_rad = -(cam.sense * coordinates[cam.shaft] + shaft_rad + phase);
+            cam.offset_rad = -(cam.sense * cam.turn(coordinates) + shaft_rad + phase);
         }
     }
 
@@ -201,7 +213,7 @@ impl Model {
         stiffness * lift_m - own.load()
     }
 
-    /// Force of the gas towards the seat of the valve whose cam touches it there, where the shaft stands at `turn_rad` [N].
+    /// Force of the gas towards the seat of the valve whose cam touches it there, where the cam has turned by `turn_rad` [N].
     pub fn gas_n(&self, cam_touch: usize, turn_rad: f64) -> f64 {
         let TouchShape::Cam(cam) = &self.touches[cam_touch].shape else { return 0.0 };
         let own = self.gas_loads.iter().filter(|gas| gas.cam == cam_touch);

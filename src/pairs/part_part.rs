@@ -1,6 +1,7 @@
 //! Parts that touch each other and no chain: the tip of a slider on the pad of an arm, stops, a ball on its seat, a cam on its follower.
 //!
-//! Each is one contact along the normal n of a gap g(q) of at most two coordinates:
+//! Each is one contact along the normal n of a gap g(q) of at most two coordinates, the second of a cam on an elastic shaft a sum of several
+//! ([`crate::elements::torsion`]):
 //! ```text
 //! stop            g = sense (limit - q) lever
 //! between         g = sense (limit - (x - x_back))    two sliders on one line; a pawl is one that is held, and clicks on by a pitch as often as x is
@@ -75,6 +76,8 @@ pub struct CamTouch {
     /// The valve that it lifts: the follower itself, or what stands behind its lifter.
     pub valve: usize,
     pub shaft: usize,
+    /// On an elastic shaft: the coordinates that the cam turns by, each with its weight, that of `shaft` among them. Empty: by `shaft` alone.
+    pub turns_by: Vec<(usize, f64)>,
     /// Axis of the cam, and direction in which it lifts the follower.
     pub axis: Vec2,
     pub direction: Vec2,
@@ -94,17 +97,26 @@ pub struct CamTouch {
 }
 
 impl CamTouch {
-    /// Angle of the cam from full lift, in the shaft's own sense, where the shaft stands at `turn_rad` [rad].
+    /// What the cam itself has turned by, where the coordinates stand at `q` [rad]; of their speeds, its speed.
+    pub fn turn(&self, q: &[f64]) -> f64 {
+        if self.turns_by.is_empty() {
+            q[self.shaft]
+        } else {
+            self.turns_by.iter().map(|(k, weight)| weight * q[*k]).sum()
+        }
+    }
+
+    /// Angle of the cam from full lift, in the shaft's own sense, where the cam has turned by `turn_rad` [rad].
     pub fn angle_rad(&self, turn_rad: f64) -> f64 {
         self.sense * turn_rad + self.offset_rad
     }
 
-    /// Lift where the shaft stands at `turn_rad`, with its derivatives in the shaft's own sense.
+    /// Lift where the cam has turned by `turn_rad`, with its derivatives in the shaft's own sense.
     pub fn lift(&self, turn_rad: f64) -> Lift {
         self.law.at(self.angle_rad(turn_rad))
     }
 
-    /// Gap, where the shaft and the follower stand.
+    /// Gap, where the cam and the follower stand.
     pub(crate) fn gap(&self, lift_m: f64, turn_rad: f64) -> Gap {
         let mut s = self.lift(turn_rad);
         // By the coordinate, counterclockwise.
@@ -150,7 +162,8 @@ pub enum Pad {
 pub struct Gap {
     /// Negative: overlap [m].
     pub gap_m: f64,
-    /// The coordinates it depends on; a stop has one, twice, the second without effect.
+    /// The coordinates it depends on; a stop has one, twice, the second without effect. That of a cam on an elastic shaft stands for all that it turns
+    /// by ([`TouchShape::parts_of`]).
     pub coordinates: [usize; 2],
     /// dg/dq, and second derivatives: of the first, mixed, of the second.
     pub slope: [f64; 2],
@@ -174,7 +187,8 @@ impl TouchShape {
         match self {
             TouchShape::Cam(cam) => {
                 let (follower, valve) = (number(cam.follower), number(cam.valve));
-                TouchShape::Cam(CamTouch { follower, valve, shaft: number(cam.shaft), ..cam })
+                let turns_by = cam.turns_by.iter().map(|(k, weight)| (number(*k), *weight)).collect();
+                TouchShape::Cam(CamTouch { follower, valve, shaft: number(cam.shaft), turns_by, ..cam })
             }
             TouchShape::Stop { coordinate, limit, sense, lever_m } => {
                 TouchShape::Stop { coordinate: number(coordinate), limit, sense, lever_m }
@@ -188,9 +202,19 @@ impl TouchShape {
         }
     }
 
+    /// Coordinates, with their weights, whose sum is the first or the second that a gap depends on.
+    pub fn parts_of(&self, gap: &Gap, side: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
+        let weighted: &[(usize, f64)] = match self {
+            TouchShape::Cam(cam) if side == 1 => &cam.turns_by,
+            TouchShape::Cam(_) | TouchShape::Stop { .. } | TouchShape::Between { .. } | TouchShape::Tip { .. } => &[],
+        };
+        let alone = weighted.is_empty().then_some((gap.coordinates[side], 1.0));
+        alone.into_iter().chain(weighted.iter().copied())
+    }
+
     pub fn gap(&self, q: &[f64]) -> Gap {
         match *self {
-            TouchShape::Cam(ref cam) => cam.gap(q[cam.follower], q[cam.shaft]),
+            TouchShape::Cam(ref cam) => cam.gap(q[cam.follower], cam.turn(q)),
             TouchShape::Stop { coordinate, limit, sense, lever_m } => Gap {
                 gap_m: sense * (limit - q[coordinate]) * lever_m,
                 coordinates: [coordinate; 2],
@@ -396,6 +420,7 @@ mod tests {
                 valve: 0,
                 ratio: 1.0,
                 shaft: 1,
+                turns_by: Vec::new(),
                 axis,
                 direction,
                 law: law.clone(),
@@ -440,6 +465,7 @@ mod tests {
             valve: 0,
             ratio: 1.0,
             shaft: 1,
+            turns_by: Vec::new(),
             axis: Vec2::zeros(),
             direction: unit(1.0),
             law,

@@ -63,7 +63,7 @@ impl LiftOffWatch {
             let TouchShape::Cam(cam) = &model.touches[watched.touch].shape else { continue };
             let lift_m = match scratch.touches().normal_force[watched.touch] > 0.0 {
                 true => 0.0,
-                false => cam.lift(state.coordinates.angle[cam.shaft]).lift_m,
+                false => cam.lift(cam.turn(&state.coordinates.angle)).lift_m,
             };
             let t_s = state.step as f64 * model.step_s;
             if lift_m - cam.lash_m <= LEAST_LIFT * cam.law.full_m() {

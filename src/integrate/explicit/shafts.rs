@@ -41,7 +41,7 @@ pub(super) fn forces(model: &Model, state: &State, scratch: &mut Scratch) {
     }
     for gas in &model.gas_loads {
         if let TouchShape::Cam(cam) = &model.touches[gas.cam].shape {
-            scratch.working_force[cam.valve] -= gas.area_m2 * gas.pressures.at(cam.angle_rad(q.angle[cam.shaft]));
+            scratch.working_force[cam.valve] -= gas.area_m2 * gas.pressures.at(cam.angle_rad(cam.turn(&q.angle)));
         }
     }
     for coupling in &model.couplings {

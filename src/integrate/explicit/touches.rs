@@ -24,32 +24,32 @@ pub(super) fn forces(model: &Model, state: &State, scratch: &mut Scratch) {
     behind.fill(0.0);
     for (i, touch) in model.touches.iter().enumerate().filter(|(i, _)| state.touches.normal_force[*i] > 0.0) {
         let gap = touch.shape.gap(&q.angle);
-        for (k, force) in gap.coordinates.into_iter().zip(past_forces(state, i, &gap)) {
-            behind[k] += force;
+        for (side, force) in past_forces(state, i, &gap).into_iter().enumerate() {
+            touch.shape.parts_of(&gap, side).for_each(|(k, weight)| behind[k] += weight * force);
         }
     }
     for (i, touch) in model.touches.iter().enumerate() {
         let gap = touch.shape.gap(&q.angle);
         if state.touches.normal_force[i] > 0.0 {
-            for (k, force) in gap.coordinates.into_iter().zip(past_forces(state, i, &gap)) {
-                behind[k] -= force;
+            for (side, force) in past_forces(state, i, &gap).into_iter().enumerate() {
+                touch.shape.parts_of(&gap, side).for_each(|(k, weight)| behind[k] -= weight * force);
             }
         }
-        let inverse_inertia = gap.coordinates.map(|k| model.coordinates[k].inverse_inertia());
-        let acceleration = |n: usize| {
-            let k = gap.coordinates[n];
-            super::coordinate_acceleration(model, state, scratch, k) + behind[k] * inverse_inertia[n]
+        let parts = |side: usize| touch.shape.parts_of(&gap, side);
+        let inverse = |k: usize| model.coordinates[k].inverse_inertia();
+        let acceleration = |(k, weight): (usize, f64)| {
+            weight * (super::coordinate_acceleration(model, state, scratch, k) + behind[k] * inverse(k))
         };
         let moving = CoordinateRates {
-            speed: gap.coordinates.map(|k| q.omega[k]),
-            acceleration: [acceleration(0), acceleration(1)],
-            inverse_inertia,
+            speed: [0, 1].map(|side| parts(side).map(|(k, weight)| weight * q.omega[k]).sum()),
+            acceleration: [0, 1].map(|side| parts(side).map(acceleration).sum()),
+            inverse_inertia: [0, 1].map(|side| parts(side).map(|(k, weight)| weight * weight * inverse(k)).sum()),
         };
         let before = &state.touches;
         let past = PastTouch { normal_force: before.normal_force[i], age: before.age[i], approach: before.approach[i] };
         let step = touch.step(model.step_s, &gap, &moving, past);
-        for (k, force) in gap.coordinates.into_iter().zip(step.forces) {
-            scratch.parts_force[k] += force;
+        for (side, force) in step.forces.into_iter().enumerate() {
+            touch.shape.parts_of(&gap, side).for_each(|(k, weight)| scratch.parts_force[k] += weight * force);
         }
         let now = &mut scratch.touches;
         (now.normal_force[i], now.tangential_force[i]) = (step.normal_force, step.tangential_force);
