@@ -11,6 +11,7 @@ use super::fit::{Fit, FitOptions, fit, parallel};
 use super::inverse;
 use super::judge;
 use super::model::{FIT_ITERATIONS, FittedModel, fit_model, score, with_shapes_beyond, with_sharper_friction};
+use super::plausible::outside_the_records;
 use super::predict;
 use super::problem::{FitEnding, Global, Law, Local, Point, Problem};
 use super::screen::{LinearisedBase, ScreeningResult, screen};
@@ -370,6 +371,8 @@ fn rounds<'a>(
             next.extend(found);
         }
         next.extend(prepared.iter().filter(|m| m.effects.len() == round).cloned());
+        // What cannot be named would keep places from what can: a law whose form lies outside the records takes another form inside.
+        next.retain(|m| is_inside_the_records(m, &mut trials));
         if next.is_empty() {
             break;
         }
@@ -430,6 +433,22 @@ fn rounds<'a>(
         is_drifting,
         cut_short,
     }
+}
+
+/// Whether the form of every effect of a set lies inside the records. What does not is told beside its trial.
+fn is_inside_the_records(set: &FittedModel, trials: &mut [Trial]) -> bool {
+    let outside = |which: usize| Some((which, outside_the_records(set, which)?));
+    let Some((which, why)) = (0..set.effects.len()).find_map(outside) else { return true };
+    let mut beside = set.identity();
+    let identity = set.effects[which].identity();
+    beside.retain(|other| *other != identity);
+    let own = |t: &&mut Trial| {
+        let mut others = t.beside.clone();
+        others.sort();
+        t.identity == identity && others == beside && t.why.is_empty()
+    };
+    trials.iter_mut().filter(own).for_each(|t| t.why = format!("not accepted: {why}"));
+    false
 }
 
 /// Sets of a round whose numbers are tried with a value for each record.
