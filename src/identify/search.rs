@@ -317,7 +317,8 @@ fn rounds<'a>(
     let effort = declared.problem.machine.effort();
     let mut is_drifting = may_be_lost && is_settled && drift_explains(&all[1..], context);
     let is_disturbed = || may_be_lost && is_settled && predict::explains_the_rest(&beam[0], context);
-    let last_round = if is_drifting || is_disturbed() { 0 } else { effort.effects };
+    let ends = is_drifting || is_settled && beam[0].is_noise_alone() || is_disturbed();
+    let last_round = if ends { 0 } else { effort.effects };
     for round in first_round..=last_round {
         let mut next: Vec<FittedModel<'a>> = Vec::new();
         for model in &beam {

@@ -1,9 +1,13 @@
 //! Whether inverse dynamics has already found what is missing, so that the search goes on from there.
 
-use super::accept::{MAX_REMAINING_SHARE, SURE, size_in_standard_errors};
+use super::accept::{CLEAR_SCORE_GAP, MAX_REMAINING_SHARE, SURE, size_in_standard_errors};
+use super::candidates::Hypothesis;
+use super::fit::parallel;
 use super::judge;
-use super::model::{FittedModel, without_effect};
+use super::model::{FittedModel, fitted_values, without_effect};
+use super::rivals::rival_of;
 use super::search::Context;
+use crate::machine::Target;
 use crate::measurement::segments::Data;
 
 /// A set from inverse dynamics has settled what is missing where it leaves at most this share of the declared model's error and no larger
@@ -48,6 +52,47 @@ pub(super) fn settled_by_inverse_dynamics<'a>(
             break;
         }
     }
+    if let Some(elsewhere) = on_another_body(declared, &all[0], own, context) {
+        all.insert(0, elsewhere);
+    }
     let is_something = |i: usize| size_in_standard_errors(&all[0], i) >= SURE;
     if (0..all[0].effects.len()).all(is_something) { all } else { Vec::new() }
+}
+
+/// The set with one of its loads on another body, where that is better: inverse dynamics hardly tells bodies apart that a stiff spring joins, and the
+/// search that goes on from the set does not ask again.
+fn on_another_body<'a>(
+    declared: &FittedModel<'a>,
+    set: &FittedModel<'a>,
+    own: &'a Data,
+    context: &Context<'_>,
+) -> Option<FittedModel<'a>> {
+    if set.is_noise_alone() || !set.is_near_the_floor() {
+        return None;
+    }
+    let starts = fitted_values(set);
+    let moved = |which: usize| {
+        let h = &set.effects[which];
+        let places = match h.target {
+            Target::Body(_) => set.problem.machine.targets(h.effect),
+            Target::Spring(_)
+            | Target::Input(_)
+            | Target::Sensor(_)
+            | Target::Chain(_)
+            | Target::Part(_)
+            | Target::Span(_) => Vec::new(),
+        };
+        let elsewhere = places.into_iter().map(|(name, target)| Hypothesis { name, target, ..h.clone() });
+        elsewhere.map(move |h| (which, h)).collect::<Vec<_>>()
+    };
+    let taken = |h: &Hypothesis| set.effects.iter().any(|e| e.identity() == h.identity());
+    let moves: Vec<(usize, Hypothesis)> =
+        (0..set.effects.len()).flat_map(moved).filter(|(_, h)| !taken(h)).collect();
+    let models = parallel(moves.len(), context.threads, |at| {
+        let (which, h) = &moves[at];
+        let rest: Vec<usize> = (0..set.effects.len()).filter(|e| e != which).collect();
+        (!context.must_end()).then(|| rival_of(declared, set, &rest, (h, &starts[*which]), own)).flatten()
+    });
+    let best = models.into_iter().flatten().min_by(|a, b| a.misfit().total_cmp(&b.misfit()))?;
+    (best.misfit() < set.misfit() - CLEAR_SCORE_GAP).then_some(best)
 }
