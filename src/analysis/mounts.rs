@@ -6,6 +6,7 @@
 //! arm, on its pivot                           - contacts of its rails on links, - its pads on tips
 //! plunger, on its housing                     - (spring + damper + oil + stops) along its way, and what the pad gives its tip across it
 //! cams of a shaft, on its bearings            - forces of cams on followers; its sprockets have rows of their own
+//! valves alike, on the cylinder head          cams on followers, less the change of momentum of valves, springs and lifters
 //! chain without links, on its sprockets       tension of each span, away from the sprocket
 //! ```
 //! A cam gives a roller F along the lift and F tan(a) across it, sin(a) = (distance of the touch from the follower's line) / r.
@@ -33,6 +34,9 @@ enum MountLoad {
     Plunger { slider: usize, direction: [f64; 2], tip: Option<usize> },
     /// What a cam gets from its follower, by the row of `Touches`, its axis, and the radius of the follower's roller.
     Cam { touch: usize, axis: [f64; 2], roller_m: Option<f64> },
+    /// What a valve train gives the head: the force of its cam, and what moves along the lift, by rows of `Sliders`. All that is given to these sliders is their
+    /// mass times their acceleration.
+    Head { cam: Box<MountLoad>, direction: [f64; 2], sliders: Vec<usize> },
     /// The tension of a span, along this direction.
     Span { row: usize, direction: [f64; 2] },
 }
@@ -41,7 +45,7 @@ enum MountLoad {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mount {
     /// Path of what it carries: `sprockets.driven`, `arms.NAME`, `sliders.NAME`; that of the bearing where it carries several; `cams.` and the
-    /// path of their shaft for cams.
+    /// path of their shaft for cams; `head.` and the name of their table for valves.
     pub path: String,
     /// What its force does not hold, or holds too much.
     pub notes: Vec<String>,
@@ -52,7 +56,7 @@ fn is_kind(b: &BodyInfo, kind: BodyKind) -> bool {
     b.kind == kind as u32
 }
 
-/// The mounts of a drive, in the order of its bodies; then those of plungers and of shafts with cams.
+/// The mounts of a drive, in the order of its bodies; then those of plungers, of shafts with cams, and of valves.
 ///
 /// # Errors
 /// The recording's drive cannot be read, as of several drives side by side: one sentence.
@@ -92,10 +96,10 @@ pub fn mounts(header: &Header) -> Result<Vec<Mount>, String> {
         let own = header.bodies.iter().filter(|b| is_kind(b, BodyKind::Cam) && b.coordinate == Some(row as u32));
         let loads: Vec<MountLoad> = own.filter_map(|cam| follower(header, &drive, cam)).collect();
         if !loads.is_empty() {
-            let notes = vec!["springs, seats, gas and rockers press on the head, which has no row".into()];
-            all.push(Mount { path: format!("cams.{shaft}"), notes, loads });
+            all.push(Mount { path: format!("cams.{shaft}"), notes: Vec::new(), loads });
         }
     }
+    all.extend(drive.valves.iter().map(|spec| head(header, &drive, spec)));
     Ok(all)
 }
 
@@ -133,6 +137,29 @@ fn pivot(header: &Header, drive: &Drive, arm: &BodyInfo) -> Mount {
         notes.push("forces of its stops are left out: the file gives them no direction".into());
     }
     Mount { path: arm.path.clone(), notes, loads }
+}
+
+/// What valves that are alike give the cylinder head: springs, seats, bores of followers, pivots of rockers.
+fn head(header: &Header, drive: &Drive, spec: &ValveSpec) -> Mount {
+    let (sin, cos) = sin_cos(spec.direction_rad);
+    let of_valve = |number: usize| {
+        let path = spec.path(number);
+        let body = header.bodies.iter().find(|b| b.path == path.replacen("valves.", "cams.", 1))?;
+        let cam = Box::new(follower(header, drive, body)?);
+        let below = format!("{path}.");
+        let own = |(_, row): &(usize, &String)| **row == path || row.starts_with(&below);
+        let rows = header.sliders.iter().enumerate().filter(own);
+        Some(MountLoad::Head { cam, direction: [cos, sin], sliders: rows.map(|(row, _)| row).collect() })
+    };
+    let mut notes = Vec::new();
+    if spec.gas.is_some() {
+        notes.push("what the gas presses on the valves' heads is taken as pressing back on the cylinder head".into());
+    }
+    if spec.rocker.is_some() {
+        notes.push("rockers are taken as they are drawn: cam, pivot and valve in one line".into());
+    }
+    let loads = (0..spec.phases_rad.len()).filter_map(of_valve).collect();
+    Mount { path: format!("head.{}", spec.name), notes, loads }
 }
 
 /// Row of `Touches` where the tip of a plunger meets its pad.
@@ -208,6 +235,13 @@ impl MountLoad {
         let s = &frame.sliders;
         let at = |column: &[f64], row: usize| column.get(row).copied().unwrap_or(0.0);
         match *self {
+            MountLoad::Head { ref cam, direction, ref sliders } => {
+                let on_cam = cam.force(frame);
+                let given =
+                    |row: &usize| at(&s.spring_force_n, *row) + at(&s.oil_force_n, *row) + at(&s.touch_force_n, *row);
+                let taken_up: f64 = sliders.iter().map(given).sum();
+                [0, 1].map(|i| -on_cam[i] - taken_up * direction[i])
+            }
             MountLoad::Contacts(body) => of_links(frame, body),
             MountLoad::Across { body, direction: [dx, dy] } => {
                 let [x, y] = of_links(frame, body);

@@ -205,10 +205,10 @@ fn mount(name: &str, header: &Header) -> Result<Option<(Mount, MountAxis)>, Unkn
         "force" => Some(MountAxis::Size),
         _ => None,
     };
-    // A part of the chain drive goes before the cams of its shaft.
+    // A part of the chain drive goes before the cams of its shaft, and before valves that are called so.
+    let of_valves = |path: &str| path.starts_with("cams.") || path.starts_with("head.");
     let named = |path: &str| {
-        let is_so_called =
-            |row: &usize| paths.get(*row).is_some_and(|p| last_name(p) == path && !p.starts_with("cams."));
+        let is_so_called = |row: &usize| paths.get(*row).is_some_and(|p| last_name(p) == path && !of_valves(p));
         let mut others = (0..paths.len()).filter(is_so_called);
         one_row(&paths, path).or_else(|| others.next().filter(|_| others.next().is_none()))
     };

@@ -167,6 +167,9 @@ pub fn identify(
             report.warnings.push(moved.text);
         }
     }
+    if !report.explained {
+        report.doubts.extend(plausible::doubts(&found.declared, &found.best));
+    }
     context.report("analysing the residuals");
     report.diagnosis = diagnosis::diagnose(&found.declared, context.threads);
     if !report.effects.is_empty() {

@@ -86,8 +86,7 @@ fn on_another_body<'a>(
         elsewhere.map(move |h| (which, h)).collect::<Vec<_>>()
     };
     let taken = |h: &Hypothesis| set.effects.iter().any(|e| e.identity() == h.identity());
-    let moves: Vec<(usize, Hypothesis)> =
-        (0..set.effects.len()).flat_map(moved).filter(|(_, h)| !taken(h)).collect();
+    let moves: Vec<(usize, Hypothesis)> = (0..set.effects.len()).flat_map(moved).filter(|(_, h)| !taken(h)).collect();
     let models = parallel(moves.len(), context.threads, |at| {
         let (which, h) = &moves[at];
         let rest: Vec<usize> = (0..set.effects.len()).filter(|e| e != which).collect();
