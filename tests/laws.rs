@@ -1,10 +1,16 @@
 //! Contact laws whose force begins at zero, against closed forms: restitution, depth, peak, energy lost, order of convergence. The scheme here
 //! is that of the links: positions a step apart, the mean force over the step.
 
+mod common;
+
+use common::{assembled, watch};
+use pitchline::drive::{BUNDLED, Drive};
 use pitchline::elements::contact_law::{
-    ClosedForm, ContactLaw, PairRadii, PeakMeter, StepForce, StepInput, closed_form_step, quadrature_step,
-    restitution_hysteresis,
+    ClosedForm, ContactLaw, PairRadii, PeakMeter, StepForce, StepInput, WinklerFoundation, closed_form_step,
+    quadrature_step, restitution_hysteresis,
 };
+
+use pitchline::recording::capture::Camera;
 
 const RADII: PairRadii = PairRadii { bush_m: 2.5e-3, body_m: f64::INFINITY };
 const STIFFNESS: f64 = 1e8;
@@ -186,6 +192,62 @@ fn a_slower_impact_gives_back_more() {
     }
 }
 
+/// The pressure k u of a layer, summed over the width of the contact: between bush and tooth tip, flank, seat and corner; force, slope, energy, and
+/// the depth back from the force.
+#[test]
+fn a_winkler_foundation_has_the_force_of_its_pressure() {
+    // A layer of polyamide, 2 mm thick and 5 mm wide.
+    let (e, nu, thickness, width) = (2.5e9, 0.4, 2e-3, 5e-3);
+    let modulus = WinklerFoundation::modulus_n_per_m3(e, nu, thickness);
+    assert!((modulus / (e * 0.6 / (1.4 * 0.2) / thickness) - 1.0).abs() < 1e-12);
+    let layer = WinklerFoundation { stiffness_n_per_m2: width * modulus, damping_s_per_m: 0.1 };
+    let law = ContactLaw::Winkler(layer);
+    let bush = 2.5e-3;
+    for (body, relative, widest) in [
+        (f64::INFINITY, bush, bush),
+        (13.2e-3, 1.0 / (1.0 / bush + 1.0 / 13.2e-3), bush),
+        (-2.55e-3, 1.0 / (1.0 / bush - 1.0 / 2.55e-3), bush),
+        (0.0, 0.5 * bush, bush),
+    ] {
+        let radii = PairRadii { bush_m: bush, body_m: body };
+        let mut last = 0.0;
+        for i in 1..=60 {
+            let d = 1e-6 * f64::from(i);
+            let now = law.elastic(d, radii);
+            // Midpoints of so many strips; the depth of the layer at its place.
+            let strips = 200_000;
+            let half = widest.min((2.0 * relative * d).sqrt());
+            let strip = 2.0 * half / f64::from(strips);
+            let depth = |n: i32| {
+                let s = -half + strip * (f64::from(n) + 0.5);
+                d - s * s / (2.0 * relative)
+            };
+            let known = width * modulus * strip * (0..strips).map(depth).sum::<f64>();
+            assert!((now.force_n / known - 1.0).abs() < 1e-7, "{body}, {d}: {} of {known}", now.force_n);
+            assert!(now.force_n > last);
+            last = now.force_n;
+            let h = 1e-4 * d;
+            let (up, down) = (law.elastic(d + h, radii), law.elastic(d - h, radii));
+            assert!(((up.energy_j - down.energy_j) / (2.0 * h) / now.force_n - 1.0).abs() < 1e-6);
+            assert!(((up.force_n - down.force_n) / (2.0 * h) / now.stiffness_n_per_m - 1.0).abs() < 1e-4);
+            assert!((law.stiffness_at(now.force_n, radii) / now.stiffness_n_per_m - 1.0).abs() < 1e-9);
+        }
+    }
+}
+
+/// An impact on a layer returns the restitution that its damping is made for: its form does not matter.
+#[test]
+fn a_winkler_foundation_returns_its_restitution() {
+    let (e, at_m_s) = (0.6, 2.0);
+    let layer = WinklerFoundation { stiffness_n_per_m2: 1e12, damping_s_per_m: restitution_hysteresis(e) / at_m_s };
+    let law = ContactLaw::Winkler(layer);
+    let found: Vec<f64> = [0.4e-6, 0.2e-6, 0.1e-6].map(|h| impacts(&law, at_m_s, h).speed_m_s / at_m_s).to_vec();
+    println!("restitution {found:?} of {e}");
+    let errors: Vec<f64> = found.iter().map(|f| (f - e).abs()).collect();
+    // Of second order in the step.
+    assert!(errors[2] < 5e-5 && errors.windows(2).all(|w| (3.5..4.5).contains(&(w[0] / w[1]))), "{errors:?}");
+}
+
 /// The share of the peak that appears at the touch itself: c v of the linear law, nothing of the others.
 #[test]
 fn forces_begin_at_zero() {
@@ -251,3 +313,46 @@ fn the_claim_holds_under_nine_laws_as_the_page_says() {
         "docs/validation.md shows other numbers"
     );
 }
+
+/// A drive whose teeth and guides carry layers: its joules add up, plates press on a guide with b k p d a joint, and what has no radius is refused.
+#[test]
+fn a_drive_runs_on_winkler_foundations() {
+    let on_layers = |name: &str| -> String {
+        let text = BUNDLED.iter().find(|b| b.0 == name).expect("a bundled drive").1;
+        let lines = text.lines().scan(false, |inside, line| {
+            let begins = ["[contact.sprocket.hunt_crossley]", "[contact.guide.hunt_crossley]"].contains(&line.trim());
+            *inside = begins || *inside && !line.starts_with('[');
+            Some(match (begins, *inside) {
+                (true, _) => line.replace("hunt_crossley", "winkler") + "\n" + LAYER,
+                (false, true) => "\n".to_string(),
+                (false, false) => format!("{line}\n"),
+            })
+        });
+        lines.collect()
+    };
+    let (name, text) = (BUNDLED[0].0, on_layers(BUNDLED[0].0));
+    let drive = Drive::parse(name, &text, &[]).unwrap_or_else(|report| panic!("{report}"));
+    let by_file = 5e-3 * WinklerFoundation::modulus_n_per_m3(2.5e9, 0.4, 2e-3);
+    let on_guide = drive.guide_contact.law.linear_stiffness_n_per_m().expect("linear in the depth");
+    assert!((on_guide / (by_file * drive.chain.pitch_m()) - 1.0).abs() < 1e-12);
+    let a = assembled(&drive);
+    let (mut state, mut camera, mut first, mut last, mut put_in) = (a.state.clone(), Camera::default(), None, 0.0, 0.0);
+    let mut largest: f64 = 0.0;
+    watch(&a.model, &mut state, 20_000, |state, scratch| {
+        if state.step.is_multiple_of(1000) {
+            let frame = camera.take(&a.model, state, scratch);
+            (last, put_in) = (frame.energy.error_j, frame.energy.put_in_j());
+            largest = frame.contacts.normal_force_n.iter().copied().fold(largest, f64::max);
+            first.get_or_insert(last);
+            camera.give_back(frame);
+        }
+    });
+    let error = (last - first.expect("frames")) / put_in;
+    println!("energy error {error:.1e} of {put_in:.2} J, forces up to {largest:.0} N, step {:.2e} s", a.model.step_s);
+    assert!(error.abs() < 1e-4 && largest > 10.0);
+    let silent = Drive::parse("silent-20-40", &on_layers("silent-20-40"), &[]).expect_err("refused").to_string();
+    assert!(silent.contains("contact.sprocket.winkler") && silent.contains("no constant radius"), "{silent}");
+}
+
+/// 2 mm of polyamide.
+const LAYER: &str = "youngs_modulus_gpa = 2.5\npoisson_ratio = 0.4\nthickness_mm = 2\nlength_mm = 5\nrestitution = 0.6\nrestitution_at_m_s = 1\n";

@@ -17,6 +17,15 @@ struct DriveErrors<'a> {
     found: Vec<Diag>,
 }
 
+/// The table of a law whose force depends on the radii of both parts.
+fn needs_radius(law: &ContactLaw) -> Option<&'static str> {
+    match law {
+        ContactLaw::HertzLine(_) => Some("hertz_line"),
+        ContactLaw::Winkler(_) => Some("winkler"),
+        ContactLaw::Linear { .. } | ContactLaw::HuntCrossley { .. } | ContactLaw::Power { .. } => None,
+    }
+}
+
 impl<'a> DriveErrors<'a> {
     fn new(drive: &'a Drive) -> DriveErrors<'a> {
         DriveErrors { places: &drive.places, found: Vec::new() }
@@ -275,10 +284,11 @@ impl Drive {
                     "make it larger than `bush_diameter_mm` and the play in its bore",
                 );
             }
-            if self.roller_contact.is_some_and(|c| matches!(c.law, ContactLaw::HertzLine(_))) {
+            let by_radius = self.roller_contact.and_then(|c| needs_radius(&c.law));
+            if let Some(key) = by_radius {
                 mistakes.add(
-                    "contact.roller.hertz_line",
-                    "bush and bore are too much alike for Hertz's law: its contact would be as wide as the bush".into(),
+                    &format!("contact.roller.{key}"),
+                    "bush and bore are too much alike for this law: its contact would be as wide as the bush".into(),
                     "take the linear law, or one with a restitution",
                 );
             }
@@ -322,10 +332,10 @@ impl Drive {
             ChainSpec::Abutment(_) => vec![("ring", self.ring_contact.law), ("guide", self.guide_contact.law)],
         };
         for (name, law) in contours {
-            if matches!(law, ContactLaw::HertzLine(_)) {
+            if let Some(key) = needs_radius(&law) {
                 mistakes.add(
-                    &format!("contact.{name}.hertz_line"),
-                    "flanks and abutments have no constant radius for Hertz's law".into(),
+                    &format!("contact.{name}.{key}"),
+                    "flanks and abutments have no constant radius for this law".into(),
                     "take the linear law, or one with a restitution",
                 );
             }

@@ -2,7 +2,9 @@
 
 use super::reader::TomlTable;
 use super::{ChainSpec, ContactSpec};
-use crate::elements::contact_law::{ContactLaw, HertzLine, lankarani_nikravesh_hysteresis, restitution_hysteresis};
+use crate::elements::contact_law::{
+    ContactLaw, HertzLine, WinklerFoundation, lankarani_nikravesh_hysteresis, restitution_hysteresis,
+};
 use crate::units::MM;
 
 /// Contacts with sprockets, guides and rings: `[contact]`. Where there are no guides, what touches them may be left out.
@@ -18,7 +20,15 @@ pub(super) fn read_contacts(
     };
     let tooth = read_contact(&t.table("sprocket"), width_m);
     let guide = t.table("guide");
-    let guide = if has_guides || guide.is_present() { read_contact(&guide, width_m) } else { tooth };
+    let guide = if has_guides || guide.is_present() {
+        match chain {
+            ChainSpec::Bush(c) => under_plates(read_contact(&guide, width_m), c.pitch_m),
+            ChainSpec::Silent(c) => under_plates(read_contact(&guide, width_m), c.pitch_m),
+            ChainSpec::Abutment(_) => read_contact(&guide, width_m),
+        }
+    } else {
+        tooth
+    };
     let ring = match chain {
         ChainSpec::Abutment(_) => read_contact(&t.table("ring"), width_m),
         ChainSpec::Bush(_) | ChainSpec::Silent(_) => tooth,
@@ -79,6 +89,11 @@ pub(super) fn read_contact(t: &TomlTable<'_>, default_length_m: f64) -> ContactS
         }));
         hertz.finish();
     }
+    let winkler = t.table("winkler");
+    if winkler.is_present() {
+        laws.push(ContactLaw::Winkler(read_winkler(&winkler, default_length_m)));
+        winkler.finish();
+    }
     for (key, hysteresis) in [
         ("lankarani_nikravesh", lankarani_nikravesh_hysteresis as fn(f64) -> f64),
         ("restitution", restitution_hysteresis as fn(f64) -> f64),
@@ -106,11 +121,41 @@ pub(super) fn read_contact(t: &TomlTable<'_>, default_length_m: f64) -> ContactS
         t.error(
             format!("`{}` has {} contact laws, it needs one", t.path(), laws.len()),
             Some(
-                "add one of the tables linear, hunt_crossley, hertz_line, lankarani_nikravesh, restitution below it"
+                "add one of the tables linear, hunt_crossley, hertz_line, winkler, lankarani_nikravesh, restitution below it"
                     .into(),
             ),
         );
     }
     t.finish();
     spec
+}
+
+/// An elastic layer on a rigid ground.
+fn read_winkler(t: &TomlTable<'_>, default_length_m: f64) -> WinklerFoundation {
+    let e = t.required("youngs_modulus_gpa", 1e9, 1e-4..=2000.0);
+    let nu = t.number("poisson_ratio", 1.0, 0.0..=0.49).unwrap_or(0.3);
+    let thickness_m = t.required("thickness_mm", MM, 1e-3..=1e3);
+    let length_m = t.number("length_mm", MM, 0.1..=1000.0).unwrap_or(default_length_m);
+    let restitution = t.required("restitution", 1.0, 0.01..=1.0);
+    let speed_m_s = t.required("restitution_at_m_s", 1.0, 1e-3..=1e3);
+    let damping_s_per_m =
+        if restitution.is_finite() { restitution_hysteresis(restitution) / speed_m_s } else { f64::NAN };
+    let stiffness_n_per_m2 = length_m * WinklerFoundation::modulus_n_per_m3(e, nu, thickness_m);
+    WinklerFoundation { stiffness_n_per_m2, damping_s_per_m }
+}
+
+/// The law of plates that lie with their straight edges on a layer: a joint gets the pressure under half a plate on either side.
+pub(super) fn under_plates(contact: ContactSpec, pitch_m: f64) -> ContactSpec {
+    let law = match contact.law {
+        ContactLaw::Winkler(layer) => ContactLaw::HuntCrossley {
+            stiffness_n_per_m_n: layer.stiffness_n_per_m2 * pitch_m,
+            exponent: 1.0,
+            damping_s_per_m: layer.damping_s_per_m,
+        },
+        ContactLaw::Linear { .. }
+        | ContactLaw::HertzLine(_)
+        | ContactLaw::HuntCrossley { .. }
+        | ContactLaw::Power { .. } => contact.law,
+    };
+    ContactSpec { law, ..contact }
 }

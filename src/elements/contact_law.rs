@@ -6,6 +6,7 @@
 //! linear                F_e = k d              G = c
 //! Hertz line contact    F_e from d(F), below   G = c
 //! Hunt-Crossley         F_e = K d^n            G = chi F_e
+//! Winkler foundation    F_e from u(s), below   G = chi F_e
 //! Lankarani-Nikravesh   F_e = K d^n            G = lambda F_e / v_0,  lambda = 3 (1 - e^2) / 4
 //! restitution           F_e = K d^n            G = lambda F_e / v_0,  lambda from  lambda (1 + e) = ln[(1 + lambda) / (1 - lambda e)]
 //! ```
@@ -18,6 +19,10 @@
 //! Hertz line contact (Johnson 1985, section 4.6 and eq. 5.57; two cylinders, load per length q = F / b):
 //! d = q/pi * sum_i (1 - nu_i^2)/E_i [2 ln(4 R_i / a) - 1], a = sqrt(4 q R* / (pi E*)). That is d = q (alpha - beta ln q); F
 //! follows by Newton's method. Holds while a << R and below the load where d(q) would turn; outside it is an error.
+//!
+//! Winkler foundation (Johnson 1985, section 4.3; Johnson's K/h is k here): a layer that gives way by u where the pressure is k u, k = E (1 - nu) / ((1 + nu) (1 - 2 nu) h), h its
+//! thickness. Under a cylinder of the relative radius R, u = d - s^2/(2 R) over the half width a = sqrt(2 R d), and over a width b
+//! F = b k (4/3) d a. It is no wider than the smaller radius r: beyond, F = 2 b k (r d - r^3/(6 R)), as where a bush lies in a seat of nearly its own radius.
 //!
 //! # The mean force over a step
 //! What sets the error of an explicit step is where inside it first touch falls: the damping force jumps there. Positions of a
@@ -46,6 +51,7 @@ pub enum ContactLaw {
         damping_n_s_per_m: f64,
     },
     HertzLine(HertzLine),
+    Winkler(WinklerFoundation),
     /// `damping_s_per_m` is chi.
     HuntCrossley {
         stiffness_n_per_m_n: f64,
@@ -68,6 +74,67 @@ pub struct HertzLine {
     pub compliance_body_per_pa: f64,
     pub compliance_bush_per_pa: f64,
     pub damping_n_s_per_m: f64,
+}
+
+/// An elastic layer on a rigid ground, between two cylinders.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WinklerFoundation {
+    /// Pressure over depth times the width of the contact [N/m2].
+    pub stiffness_n_per_m2: f64,
+    /// chi [s/m].
+    pub damping_s_per_m: f64,
+}
+
+impl WinklerFoundation {
+    /// Pressure over depth of a layer that is bonded to its ground and cannot spread [N/m3].
+    pub fn modulus_n_per_m3(youngs_modulus_pa: f64, poisson_ratio: f64, thickness_m: f64) -> f64 {
+        let nu = poisson_ratio;
+        youngs_modulus_pa * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu) * thickness_m)
+    }
+
+    /// Relative radius, and the widest half width [m]. `body_m` negative: concave.
+    fn shape(radii: PairRadii) -> (f64, f64) {
+        // A corner has no radius: take the bush's own.
+        let body_m = if radii.body_m == 0.0 { radii.bush_m } else { radii.body_m };
+        let curvature = 1.0 / radii.bush_m + 1.0 / body_m;
+        // A bush as wide as its seat lies in it all round.
+        let relative_m = if curvature > 0.0 { 1.0 / curvature } else { f64::INFINITY };
+        (relative_m, radii.bush_m.abs().min(body_m.abs()))
+    }
+
+    /// Elastic part at penetration `d` [m].
+    pub fn elastic(&self, d: f64, radii: PairRadii) -> Elastic {
+        let (relative_m, widest_m) = WinklerFoundation::shape(radii);
+        let (b, r) = (self.stiffness_n_per_m2, widest_m);
+        let fills_at_m = 0.5 * r * r / relative_m;
+        if d <= fills_at_m {
+            let a = libm::sqrt(2.0 * relative_m * d);
+            return Elastic {
+                force_n: 4.0 / 3.0 * b * d * a,
+                stiffness_n_per_m: 2.0 * b * a,
+                energy_j: 8.0 / 15.0 * b * d * d * a,
+            };
+        }
+        let at_full_j = 8.0 / 15.0 * b * fills_at_m * fills_at_m * r;
+        let bend_m = r * r / (6.0 * relative_m);
+        let more_m = d - fills_at_m;
+        Elastic {
+            force_n: 2.0 * b * r * (d - bend_m),
+            stiffness_n_per_m: 2.0 * b * r,
+            energy_j: at_full_j + b * r * more_m * (d + fills_at_m - 2.0 * bend_m),
+        }
+    }
+
+    /// Depth under a force [m].
+    fn depth_m(&self, force_n: f64, radii: PairRadii) -> f64 {
+        let (relative_m, r) = WinklerFoundation::shape(radii);
+        let b = self.stiffness_n_per_m2;
+        let fills_at_m = 0.5 * r * r / relative_m;
+        if force_n > 4.0 / 3.0 * b * fills_at_m * r {
+            return 0.5 * force_n / (b * r) + r * r / (6.0 * relative_m);
+        }
+        libm::pow(force_n / (4.0 / 3.0 * b * libm::sqrt(2.0 * relative_m)), 2.0 / 3.0)
+    }
 }
 
 /// Approach speeds below this are taken as this [m/s]: a contact that begins at rest must not divide by zero.
@@ -183,6 +250,7 @@ impl ContactLaw {
                 Elastic { force_n: k * d, stiffness_n_per_m: k, energy_j: 0.5 * k * d * d }
             }
             ContactLaw::HertzLine(hertz) => hertz.elastic(d, radii.bush_m, radii.body_m),
+            ContactLaw::Winkler(layer) => layer.elastic(d, radii),
             ContactLaw::HuntCrossley { stiffness_n_per_m_n, exponent, .. }
             | ContactLaw::Power { stiffness_n_per_m_n, exponent, .. } => {
                 let force_n = stiffness_n_per_m_n * libm::pow(d, exponent);
@@ -196,7 +264,8 @@ impl ContactLaw {
         match *self {
             ContactLaw::Linear { damping_n_s_per_m, .. } => damping_n_s_per_m,
             ContactLaw::HertzLine(hertz) => hertz.damping_n_s_per_m,
-            ContactLaw::HuntCrossley { damping_s_per_m, .. } => damping_s_per_m * elastic_force_n,
+            ContactLaw::HuntCrossley { damping_s_per_m, .. }
+            | ContactLaw::Winkler(WinklerFoundation { damping_s_per_m, .. }) => damping_s_per_m * elastic_force_n,
             ContactLaw::Power { hysteresis, .. } => {
                 hysteresis * elastic_force_n / approach_m_s.max(SLOWEST_APPROACH_M_S)
             }
@@ -223,6 +292,7 @@ impl ContactLaw {
                 }
                 hertz.elastic(d, radii.bush_m, radii.body_m).stiffness_n_per_m
             }
+            ContactLaw::Winkler(layer) => layer.elastic(layer.depth_m(force_n, radii), radii).stiffness_n_per_m,
             ContactLaw::HuntCrossley { stiffness_n_per_m_n, exponent, .. }
             | ContactLaw::Power { stiffness_n_per_m_n, exponent, .. } => {
                 let d = libm::pow(force_n / stiffness_n_per_m_n, 1.0 / exponent);
@@ -236,7 +306,8 @@ impl ContactLaw {
         match *self {
             ContactLaw::Linear { damping_n_s_per_m, .. } => damping_n_s_per_m,
             ContactLaw::HertzLine(hertz) => hertz.damping_n_s_per_m,
-            ContactLaw::HuntCrossley { damping_s_per_m, .. } => damping_s_per_m * force_n,
+            ContactLaw::HuntCrossley { damping_s_per_m, .. }
+            | ContactLaw::Winkler(WinklerFoundation { damping_s_per_m, .. }) => damping_s_per_m * force_n,
             // Peaks come from impacts of the order of 1 m/s.
             ContactLaw::Power { hysteresis, .. } => hysteresis * force_n,
         }
@@ -261,7 +332,10 @@ impl ContactLaw {
             ContactLaw::HuntCrossley { stiffness_n_per_m_n: k, exponent: 1.0, damping_s_per_m: chi } => {
                 Some(ClosedForm::Growing(k, k * chi))
             }
-            ContactLaw::HuntCrossley { .. } | ContactLaw::HertzLine(_) | ContactLaw::Power { .. } => None,
+            ContactLaw::HuntCrossley { .. }
+            | ContactLaw::HertzLine(_)
+            | ContactLaw::Winkler(_)
+            | ContactLaw::Power { .. } => None,
         }
     }
 
@@ -271,7 +345,7 @@ impl ContactLaw {
         match *self {
             ContactLaw::Linear { damping_n_s_per_m, .. } => damping_n_s_per_m * approach_m_s,
             ContactLaw::HertzLine(hertz) => hertz.damping_n_s_per_m * approach_m_s,
-            ContactLaw::HuntCrossley { .. } | ContactLaw::Power { .. } => 0.0,
+            ContactLaw::HuntCrossley { .. } | ContactLaw::Winkler(_) | ContactLaw::Power { .. } => 0.0,
         }
     }
 
@@ -279,7 +353,7 @@ impl ContactLaw {
     pub fn grows(&self) -> bool {
         match self {
             ContactLaw::Linear { .. } | ContactLaw::HertzLine(_) => false,
-            ContactLaw::HuntCrossley { .. } | ContactLaw::Power { .. } => true,
+            ContactLaw::HuntCrossley { .. } | ContactLaw::Winkler(_) | ContactLaw::Power { .. } => true,
         }
     }
 
@@ -572,7 +646,7 @@ impl PeakMeter {
     const POINTS: u32 = 8;
 
     /// Largest force since the node before [N]. `now`: penetration [m] and closing speed [m/s] where it touches; `approach_m_s` at first
-    /// touch. `None` for a law that depends on what else is known of the pair (Hertz). Less than `best`, the largest so far, is not
+    /// touch. `None` for a law that depends on what else is known of the pair (Hertz, Winkler). Less than `best`, the largest so far, is not
     /// found exactly: then the force at the node is good enough.
     pub fn peak_since(
         &mut self,
@@ -585,7 +659,7 @@ impl PeakMeter {
         if *law == ContactLaw::NONE {
             return None;
         }
-        if matches!(law, ContactLaw::HertzLine(_)) {
+        if matches!(law, ContactLaw::HertzLine(_) | ContactLaw::Winkler(_)) {
             return None;
         }
         let before = std::mem::replace(&mut self.before, now.filter(|(d, _)| *d > 0.0));

@@ -21,7 +21,7 @@
 
 use super::link_row::{self, ContactRow, RowContact, RowLink};
 use crate::elements::body_frame::BodyFrame;
-use crate::elements::contact_law::{ContactLaw, PairRadii};
+use crate::elements::contact_law::{ContactLaw, PairRadii, WinklerFoundation};
 use crate::elements::coordinate::Coordinate;
 use crate::model::{Model, flank_radii};
 use crate::pairs::contour_body::{EndBody, LinkContour};
@@ -261,7 +261,7 @@ fn roller_bounds(model: &Model, chain: usize, bore: &Bore, load: ContactLoad) ->
         let sum =
             |of: &dyn Fn(&ContactLaw, PairRadii) -> f64| of(&s.body.law, flank_radii(s)) + of(&bore.law, bore.radii());
         let stiffness = sum(&|law, radii| law.stiffness_at(PEAK_FORCE_N, radii));
-        let damping = sum(&|law, _| law.damping_at(damping_load_n(law, mobility, load))).max(1e-9);
+        let damping = sum(&|law, radii| law.damping_at(damping_load_n((law, radii), mobility, load))).max(1e-9);
         let grows = s.body.law.grows() || bore.law.grows();
         let at = format!("rollers between bushes and sprockets.{}", s.name);
         bounds.extend([
@@ -412,7 +412,7 @@ fn abutments_bound(model: &Model, chain: usize, accurate: StepBound) -> StepBoun
             let radii = PairRadii { bush_m: link.arm_m, body_m: f64::INFINITY };
             let mobility = link.inverse_mass + link.arm_m * link.arm_m * link.inverse_inertia;
             let law = |b: &EndBody| {
-                let damping = b.law.damping_at(damping_load_n(&b.law, mobility, load));
+                let damping = b.law.damping_at(damping_load_n((&b.law, radii), mobility, load));
                 (b.law.stiffness_at(PEAK_FORCE_N, radii), damping)
             };
             let (laws, two_bodies) = ([law(p), law(q)], p.body != q.body);
@@ -469,10 +469,12 @@ fn rows([p, q]: [(f64, f64); 2], two_bodies: bool) -> Vec<ContactRow> {
 
 /// Load at which the damping of a law bounds the step [N]. That of the Hunt-Crossley law grows with the load. An impact at the speed v reaches
 /// k d = sqrt(2 k/w (l - ln(1 + l)))/chi with l = chi v, at its deepest.
-fn damping_load_n(law: &ContactLaw, mobility: f64, load: ContactLoad) -> f64 {
+fn damping_load_n((law, radii): (&ContactLaw, PairRadii), mobility: f64, load: ContactLoad) -> f64 {
     match *law {
-        ContactLaw::HuntCrossley { damping_s_per_m: chi, .. } if chi > 0.0 => {
-            let radii = PairRadii { bush_m: 1.0, body_m: f64::INFINITY };
+        ContactLaw::HuntCrossley { damping_s_per_m: chi, .. }
+        | ContactLaw::Winkler(WinklerFoundation { damping_s_per_m: chi, .. })
+            if chi > 0.0 =>
+        {
             let stiffness_n_per_m = law.stiffness_at(PEAK_FORCE_N, radii);
             let l = chi * load.speed_m_s;
             let impact_n = libm::sqrt(2.0 * stiffness_n_per_m / mobility * (l - libm::log1p(l))) / chi;
@@ -481,6 +483,7 @@ fn damping_load_n(law: &ContactLaw, mobility: f64, load: ContactLoad) -> f64 {
         ContactLaw::HuntCrossley { .. }
         | ContactLaw::Linear { .. }
         | ContactLaw::HertzLine(_)
+        | ContactLaw::Winkler(_)
         | ContactLaw::Power { .. } => PEAK_FORCE_N,
     }
 }
@@ -497,7 +500,7 @@ fn longer_bounds(
     longer: f64,
 ) -> [StepBound; 2] {
     let stiffness = law.stiffness_at(PEAK_FORCE_N, radii) * mobility / (longer * longer);
-    let damping = law.damping_at(damping_load_n(law, mobility, load)).max(1e-9) * mobility;
+    let damping = law.damping_at(damping_load_n((law, radii), mobility, load)).max(1e-9) * mobility;
     [
         StepBound { step_s: CONTACT / libm::sqrt(stiffness), cause: format!("contact stiffness at {name}") },
         StepBound {
