@@ -111,8 +111,12 @@ def draw_case(rng, kind):
 
 
 def make_case(rng, kind, ident, out, declare_truth):
-    case, scales, facts = draw_case(rng, kind)
-    found, speed = set_noise(rng, kind, case, scales)
+    while True:
+        case, scales, facts = draw_case(rng, kind)
+        found, speed = set_noise(rng, kind, case, scales)
+        # Without one of its effects a machine may run away, and the size of the effect has no number then.
+        if np.all(np.isfinite(case.noise)):
+            break
     near = twins(case, rival_names(case), scales, rng, speed) if case.effects else []
     values = add_noise(rng, case, facts.get("input_noise", False))
     folder = out / ident
