@@ -286,6 +286,11 @@ impl IdentificationReport {
             let own = self.effects.iter().filter(|e| paths.contains(&e.path));
             self.doubts.extend(own.map(|e| format!("`{}` stands by {way} alone, and something is left", e.path)));
         }
+        let is_at_the_floor = self.noise_floor.iter().all(|f| f.reached);
+        if !self.explained && is_at_the_floor && !self.effects.is_empty() {
+            let hides = "predictions leave noise alone, but take up a force that nobody measures and that is too large for noise: other effects may hide in it";
+            self.doubts.push(hides.into());
+        }
         self.prediction = Some(both);
     }
 
