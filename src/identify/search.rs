@@ -308,6 +308,9 @@ fn rounds<'a>(
     let is_settled = !settled.is_empty();
     let mut first = (!is_settled).then_some(first);
     let mut beam: Vec<FittedModel<'a>> = vec![settled.first().unwrap_or(&declared).clone()];
+    if is_settled {
+        beam.extend(settled::nearly_as_good(&beam[0], &prepared));
+    }
     let mut all: Vec<FittedModel<'a>> = std::iter::once(declared.clone()).chain(settled).collect();
     let first_round = beam[0].effects.len() + 1;
     // Sets that were fitted: starting near the file's parameters, and far from them.

@@ -95,3 +95,22 @@ fn on_another_body<'a>(
     let best = models.into_iter().flatten().min_by(|a, b| a.misfit().total_cmp(&b.misfit()))?;
     (best.misfit() < set.misfit() - CLEAR_SCORE_GAP).then_some(best)
 }
+
+/// Other sets of as many effects that leave at most so many times the error of the settled one take part in the search where that leaves more than noise, so many
+/// of them at most: which law is the right one may show only beside what is still missing. Beside a gain curve that nobody knew of, Coulomb friction left 0.83 of what
+/// the true viscous friction left.
+const NEARLY_AS_GOOD: f64 = 1.5;
+const ALTERNATIVES: usize = 2;
+
+/// Sets from inverse dynamics that explain nearly as much as the settled one, the best first.
+pub(super) fn nearly_as_good<'a>(set: &FittedModel<'a>, prepared: &[FittedModel<'a>]) -> Vec<FittedModel<'a>> {
+    if set.is_near_the_floor() {
+        return Vec::new();
+    }
+    let error = |m: &FittedModel| judge::mean_error(&m.fit_residuals);
+    let is_other = |m: &&FittedModel| m.effects.len() == set.effects.len() && m.identity() != set.identity();
+    let mut others: Vec<&FittedModel<'a>> =
+        prepared.iter().filter(is_other).filter(|m| error(m) <= NEARLY_AS_GOOD * error(set)).collect();
+    others.sort_by(|a, b| error(a).total_cmp(&error(b)));
+    others.into_iter().take(ALTERNATIVES).cloned().collect()
+}
