@@ -54,6 +54,9 @@ pub fn lumping(drive: &Drive) -> Result<(Lumping, Model, Equilibrium), LumpError
     if !drive.valves.is_empty() {
         return Err(LumpError::Form("valve trains are not lumped: give their torque as `[loads.orders.NAME]`".into()));
     }
+    if !drive.elastic_shafts.is_empty() {
+        return Err(LumpError::Form("elastic shafts are not lumped: give the sprocket their whole inertia".into()));
+    }
     let gives_way = !drive.bearings.is_empty() || drive.effects.mounts().next().is_some();
     if !drive.arms.is_empty() || !drive.rails.is_empty() || gives_way || drive.chains() > 1 {
         let text = "arms, rails, bearings, mounts of guides and several chains are not lumped yet: spans of a lumped drive run straight between two sprockets that stand";

@@ -635,7 +635,10 @@ impl Model {
     }
 }
 
-/// Radii of the flank contact, for laws that depend on them.
+/// Radii of the flank contact, for laws that depend on them; of a layer those of the seat, in which a bush lies with all its width.
 pub fn flank_radii(s: &SprocketModel) -> PairRadii {
+    if matches!(s.body.law, ContactLaw::Winkler(_)) {
+        return PairRadii { bush_m: s.body.bush_radius_m, body_m: -s.body.bush_radius_m };
+    }
     PairRadii { bush_m: s.body.bush_radius_m, body_m: s.body.flank_radius_m }
 }

@@ -10,7 +10,9 @@ use pitchline::elements::contact_law::{
     quadrature_step, restitution_hysteresis,
 };
 
+use pitchline::integrate::explicit::{self, Scratch};
 use pitchline::recording::capture::Camera;
+use pitchline::state::State;
 
 const RADII: PairRadii = PairRadii { bush_m: 2.5e-3, body_m: f64::INFINITY };
 const STIFFNESS: f64 = 1e8;
@@ -331,25 +333,53 @@ fn a_drive_runs_on_winkler_foundations() {
         lines.collect()
     };
     let (name, text) = (BUNDLED[0].0, on_layers(BUNDLED[0].0));
-    let drive = Drive::parse(name, &text, &[]).unwrap_or_else(|report| panic!("{report}"));
+    let pressed = ["guides.fixed.slack.clearance_um=-500".to_string()];
+    let drive = Drive::parse(name, &text, &pressed).unwrap_or_else(|report| panic!("{report}"));
     let by_file = 5e-3 * WinklerFoundation::modulus_n_per_m3(2.5e9, 0.4, 2e-3);
     let on_guide = drive.guide_contact.law.linear_stiffness_n_per_m().expect("linear in the depth");
-    assert!((on_guide / (by_file * drive.chain.pitch_m()) - 1.0).abs() < 1e-12);
+    assert!((on_guide / (0.5 * by_file * drive.chain.pitch_m()) - 1.0).abs() < 1e-12);
     let a = assembled(&drive);
     let (mut state, mut camera, mut first, mut last, mut put_in) = (a.state.clone(), Camera::default(), None, 0.0, 0.0);
-    let mut largest: f64 = 0.0;
+    let (pitch_m, chi) = (drive.chain.pitch_m(), restitution_hysteresis(0.6) / 1.0);
+    let (mut largest, mut off, mut ends): (f64, f64, u32) = (0.0, 0.0, 0);
     watch(&a.model, &mut state, 20_000, |state, scratch| {
-        if state.step.is_multiple_of(1000) {
+        if state.step.is_multiple_of(100) {
             let frame = camera.take(&a.model, state, scratch);
             (last, put_in) = (frame.energy.error_j, frame.energy.put_in_j());
             largest = frame.contacts.normal_force_n.iter().copied().fold(largest, f64::max);
+            let c = &frame.contacts;
+            let on_guides = |r: &usize| c.body[*r] as usize >= a.model.sprockets.len() && c.penetration_m[*r] > 0.0;
+            for r in (0..c.body.len()).filter(on_guides) {
+                // Half a plate at each of its ends.
+                let known = 0.5 * by_file * pitch_m * c.penetration_m[r] * (1.0 + chi * c.normal_speed_m_s[r]);
+                off = off.max((c.instant_force_n[r] - known.max(0.0)).abs() / (by_file * pitch_m * c.penetration_m[r]));
+                ends += 1;
+            }
             first.get_or_insert(last);
             camera.give_back(frame);
         }
     });
     let error = (last - first.expect("frames")) / put_in;
+    println!("{ends} ends on guides, off by {off:.1e}");
+    assert!(ends > 20 && off < 1e-4);
     println!("energy error {error:.1e} of {put_in:.2} J, forces up to {largest:.0} N, step {:.2e} s", a.model.step_s);
     assert!(error.abs() < 1e-4 && largest > 10.0);
+    // A thin layer, whose seats are far stiffer than its flanks, on teeth alone: the step bears it.
+    let thin = on_layers(name).replace("thickness_mm = 2", "thickness_mm = 0.2");
+    let cut = thin.find("# Straight guides").expect("the guides come last");
+    let a = assembled(&Drive::parse(name, &thin[..cut], &[]).unwrap_or_else(|report| panic!("{report}")));
+    let (mut state, mut scratch) = (a.state.clone(), Scratch::new(&a.model));
+    let mut camera = Camera::default();
+    let mut take = |state: &State, scratch: &mut Scratch| {
+        explicit::evaluate(&a.model, state, scratch).expect("the run holds");
+        let frame = camera.take(&a.model, state, scratch);
+        (frame.energy.error_j, frame.energy.put_in_j())
+    };
+    let (begun, _) = take(&state, &mut scratch);
+    watch(&a.model, &mut state, 20_000, |_, _| {});
+    let (ended, put_in) = take(&state, &mut scratch);
+    println!("thin layer: energy error {:.1e}, step {:.2e} s", (ended - begun) / put_in, a.model.step_s);
+    assert!(((ended - begun) / put_in).abs() < 1e-4);
     let silent = Drive::parse("silent-20-40", &on_layers("silent-20-40"), &[]).expect_err("refused").to_string();
     assert!(silent.contains("contact.sprocket.winkler") && silent.contains("no constant radius"), "{silent}");
 }

@@ -157,9 +157,11 @@ fn cams_twist_their_shaft_by_its_compliance() {
 /// The joules add up, in the scheme of the program and in another, which twists the shaft as far; and the same bits come again.
 #[test]
 fn the_ledger_closes_and_schemes_agree() {
+    // A second shaft, on the driver, whose speed is given.
+    let more = format!("{CAMSHAFT}\n[elastic_shafts.other]\nbody = \"driver\"\nlength_mm = 200\ndiameter_mm = 15\n");
     let run = |sets: &[&str]| {
         let set: Vec<&str> = [&["speeds.constant.driver.speed_rpm=4000"], sets].concat();
-        let drive = drive(CAMSHAFT, &set);
+        let drive = drive(&more, &set);
         let a = assembled(&drive);
         let sensor = drive.sensors.iter().find(|s| s.name == "rod").expect("there").reads;
         let (mut state, mut camera, mut scratch) = (a.state.clone(), Camera::default(), Scratch::new(&a.model));
@@ -187,6 +189,8 @@ fn the_ledger_closes_and_schemes_agree() {
     };
     let (twist, hash) = run(&[]);
     assert_eq!(run(&[]).1, hash);
+    // The other way round.
+    run(&["speeds.constant.driver.speed_rpm=-4000"]);
     let (other, _) = run(&["run.scheme=\"predictor_corrector\""]);
     assert!((other / twist - 1.0).abs() < 0.02, "{other} {twist}");
 }
@@ -217,10 +221,13 @@ fn what_cannot_be_is_refused_at_its_place() {
         (vec!["valves.intake.body=\"driven\""], "turn with their sprocket as one"),
         (vec!["elastic_shafts.rod.modes=9"], "modes"),
         (vec!["sensors.twist.rod.shaft=\"stick\""], "stick"),
+        (vec!["valves.intake.along_mm=[80, 220, -1]"], "along_mm"),
     ] {
         let report = parsed(CAMSHAFT, &sets).map(|d| d.name).expect_err("accepted");
         assert!(report.contains(words), "{sets:?}: {report}");
     }
+    let without = CAMSHAFT.replacen("body = \"driven\"\n", "", 1);
+    assert!(parsed(&without, &[]).map(|d| d.name).expect_err("accepted").contains("nothing turns `rod`"));
     let taken =
         CAMSHAFT.replace("elastic_shafts.rod", "elastic_shafts.driven").replace("body = \"rod\"", "body = \"driven\"");
     let taken = taken.replace("[sensors.twist.rod]", "");

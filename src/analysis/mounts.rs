@@ -153,10 +153,13 @@ fn head(header: &Header, drive: &Drive, spec: &ValveSpec) -> Mount {
     };
     let mut notes = Vec::new();
     if spec.gas.is_some() {
-        notes.push("what the gas presses on the valves' heads is taken as pressing back on the cylinder head".into());
+        notes.push("what the gas presses the valves onto their seats with is left out".into());
     }
     if spec.rocker.is_some() {
-        notes.push("rockers are taken as they are drawn: cam, pivot and valve in one line".into());
+        notes.push("rockers are taken as masses in one line with cam and valve".into());
+    }
+    if spec.spring_mass_kg > 0.0 && spec.spring_parts == 1 {
+        notes.push("of the inertia of springs in one part a third counts, which is right for their energy; their momentum has half".into());
     }
     let loads = (0..spec.phases_rad.len()).filter_map(of_valve).collect();
     Mount { path: format!("head.{}", spec.name), notes, loads }

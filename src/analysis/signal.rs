@@ -206,9 +206,9 @@ fn mount(name: &str, header: &Header) -> Result<Option<(Mount, MountAxis)>, Unkn
         _ => None,
     };
     // A part of the chain drive goes before the cams of its shaft, and before valves that are called so.
-    let of_valves = |path: &str| path.starts_with("cams.") || path.starts_with("head.");
+    let of_valve_trains = |path: &str| path.starts_with("cams.") || path.starts_with("head.");
     let named = |path: &str| {
-        let is_so_called = |row: &usize| paths.get(*row).is_some_and(|p| last_name(p) == path && !of_valves(p));
+        let is_so_called = |row: &usize| paths.get(*row).is_some_and(|p| last_name(p) == path && !of_valve_trains(p));
         let mut others = (0..paths.len()).filter(is_so_called);
         one_row(&paths, path).or_else(|| others.next().filter(|_| others.next().is_none()))
     };

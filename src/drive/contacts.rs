@@ -7,11 +7,18 @@ use crate::elements::contact_law::{
 };
 use crate::units::MM;
 
+/// Which guides a drive has.
+#[derive(Clone, Copy)]
+pub(super) struct GuideTables {
+    pub(super) has_any: bool,
+    pub(super) has_rails: bool,
+}
+
 /// Contacts with sprockets, guides and rings: `[contact]`. Where there are no guides, what touches them may be left out.
 pub(super) fn read_contacts(
     t: &TomlTable<'_>,
     chain: &ChainSpec,
-    has_guides: bool,
+    guides: GuideTables,
 ) -> ([ContactSpec; 3], Option<ContactSpec>) {
     let width_m = match chain {
         ChainSpec::Bush(c) => c.inner_width_m,
@@ -20,7 +27,13 @@ pub(super) fn read_contacts(
     };
     let tooth = read_contact(&t.table("sprocket"), width_m);
     let guide = t.table("guide");
-    let guide = if has_guides || guide.is_present() {
+    if guides.has_rails && guide.table("winkler").is_present() {
+        let help = "take the law `linear` or `hunt_crossley`";
+        guide
+            .table("winkler")
+            .error("a layer under plates is that of straight guides, and there are rails".into(), Some(help.into()));
+    }
+    let guide = if guides.has_any || guide.is_present() {
         match chain {
             ChainSpec::Bush(c) => under_plates(read_contact(&guide, width_m), c.pitch_m),
             ChainSpec::Silent(c) => under_plates(read_contact(&guide, width_m), c.pitch_m),
@@ -144,11 +157,11 @@ fn read_winkler(t: &TomlTable<'_>, default_length_m: f64) -> WinklerFoundation {
     WinklerFoundation { stiffness_n_per_m2, damping_s_per_m }
 }
 
-/// The law of plates that lie with their straight edges on a layer: a joint gets the pressure under half a plate on either side.
-pub(super) fn under_plates(contact: ContactSpec, pitch_m: f64) -> ContactSpec {
+/// The law of plates that lie with their straight edges on the layer of a straight guide: each end gets the pressure under half of its plate.
+fn under_plates(contact: ContactSpec, pitch_m: f64) -> ContactSpec {
     let law = match contact.law {
         ContactLaw::Winkler(layer) => ContactLaw::HuntCrossley {
-            stiffness_n_per_m_n: layer.stiffness_n_per_m2 * pitch_m,
+            stiffness_n_per_m_n: 0.5 * layer.stiffness_n_per_m2 * pitch_m,
             exponent: 1.0,
             damping_s_per_m: layer.damping_s_per_m,
         },

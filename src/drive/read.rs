@@ -2,7 +2,7 @@
 //! unknown.
 
 use super::bearings::{self, CarriedNames};
-use super::contacts::{DEFAULT_CONTACT_LENGTH_M, read_contact, read_contacts};
+use super::contacts::{DEFAULT_CONTACT_LENGTH_M, GuideTables, read_contact, read_contacts};
 use super::guides::{read_guides, read_rails};
 use super::reader::{Places, TomlTable};
 use super::shafts::{self, MotionSpec, MovingNames, ShaftTrain, Speeds};
@@ -40,12 +40,14 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     let (chain, links, scatter, joint) = read_links(&first.table("chain"));
     let fidelities: Vec<ChainFidelity> = chains.iter().map(|(_, t)| read_fidelity(t)).collect();
     let fidelity = fidelities.first().copied().unwrap_or(ChainFidelity::Links);
-    let has_guides = root.table("guides").is_present();
+    let guide_tables = root.table("guides");
+    let guides_here =
+        GuideTables { has_any: guide_tables.is_present(), has_rails: guide_tables.table("rail").is_present() };
     let contacts = first.table("contact");
     let [stop_table, tip_table, cam_table, seat_table] =
         ["stop", "tip", "cam", "seat"].map(|name| contacts.table(name));
     let ([tooth_contact, guide_contact, ring_contact], roller_contact) =
-        read_contacts(&first.table("contact"), &chain, has_guides);
+        read_contacts(&first.table("contact"), &chain, guides_here);
     let read = |t: &TomlTable<'_>| read_contact(t, DEFAULT_CONTACT_LENGTH_M);
     let arms = mechanism::read_arms(root, &names);
     let stop_contact = mechanism::read_stops(&stop_table, &arms, read);
@@ -87,7 +89,7 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     let preload = read_preload(&first.table("preload"), &own(0), 0, (&arms, &blades(0)));
     let more = |(index, (_, t)): (usize, &(String, TomlTable<'_>))| {
         let before = (0..index).map(|c| own(c).len()).sum();
-        read_chain_part(t, (fidelities[index], has_guides), |preload| {
+        read_chain_part(t, (fidelities[index], guides_here), |preload| {
             read_preload(preload, &own(index), before, (&arms, &blades(index)))
         })
     };
@@ -169,12 +171,12 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
 /// A chain behind the first.
 fn read_chain_part(
     t: &TomlTable<'_>,
-    (fidelity, has_guides): (ChainFidelity, bool),
+    (fidelity, guides_here): (ChainFidelity, GuideTables),
     preload: impl Fn(&TomlTable<'_>) -> PreloadSpec,
 ) -> ChainPart {
     let (chain, links, scatter, joint) = read_links(&t.table("chain"));
     let ([tooth_contact, guide_contact, ring_contact], roller_contact) =
-        read_contacts(&t.table("contact"), &chain, has_guides);
+        read_contacts(&t.table("contact"), &chain, guides_here);
     let preload = preload(&t.table("preload"));
     ChainPart {
         chain,

@@ -240,6 +240,11 @@ fn read_valve(name: String, t: &TomlTable<'_>, carriers: &CamCarriers<'_>) -> Va
         let known: Vec<&str> = carriers.sprockets.iter().map(|s| s.name.as_str()).collect();
         let help = Some(format!("name a sprocket, or a shaft with one: {}", known.join(", ")));
         match &body {
+            Some(body) if carriers.elastic(body).is_some() => t.error_at(
+                "body",
+                format!("`{body}` turns with a shaft that carries no sprocket"),
+                Some("cams need an axis: give its `body` a sprocket".into()),
+            ),
             Some(body) => t.error_at("body", format!("no cam can turn with `{body}`"), help),
             None => t.error(format!("nothing turns the cams of `{name}`"), help),
         }
@@ -310,7 +315,12 @@ fn read_places(t: &TomlTable<'_>, on: Option<(usize, &ElasticShaftSpec)>, cams: 
         }
         return None;
     };
-    let along_m = t.list("along_mm", MM, 0.0..=1e5).unwrap_or_default();
+    let along_m = t.list("along_mm", MM, 0.0..=1e5);
+    // What is out of range has been told.
+    if along_m.is_none() && t.has("along_mm") {
+        return None;
+    }
+    let along_m = along_m.unwrap_or_default();
     if along_m.len() != cams {
         let title = format!("{} places along `{}` for {cams} cams", along_m.len(), spec.name);
         t.error_at("along_mm", title, Some("give the distance of every cam from what turns the shaft".into()));

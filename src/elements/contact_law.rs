@@ -22,7 +22,8 @@
 //!
 //! Winkler foundation (Johnson 1985, section 4.3; Johnson's K/h is k here): a layer that gives way by u where the pressure is k u, k = E (1 - nu) / ((1 + nu) (1 - 2 nu) h), h its
 //! thickness. Under a cylinder of the relative radius R, u = d - s^2/(2 R) over the half width a = sqrt(2 R d), and over a width b
-//! F = b k (4/3) d a. It is no wider than the smaller radius r: beyond, F = 2 b k (r d - r^3/(6 R)), as where a bush lies in a seat of nearly its own radius.
+//! F = b k (4/3) d a. It is no wider than the smaller radius r: beyond, F = 2 b k (r d - r^3/(6 R)), as where a bush lies in a seat of nearly its own radius; the pressure
+//! counts along s there too, so that the force is 4/pi of that of pressures along the radius, pi/2 b k r d.
 //!
 //! # The mean force over a step
 //! What sets the error of an explicit step is where inside it first touch falls: the damping force jumps there. Positions of a
@@ -104,6 +105,9 @@ impl WinklerFoundation {
 
     /// Elastic part at penetration `d` [m].
     pub fn elastic(&self, d: f64, radii: PairRadii) -> Elastic {
+        if d <= 0.0 {
+            return Elastic { force_n: 0.0, stiffness_n_per_m: 0.0, energy_j: 0.0 };
+        }
         let (relative_m, widest_m) = WinklerFoundation::shape(radii);
         let (b, r) = (self.stiffness_n_per_m2, widest_m);
         let fills_at_m = 0.5 * r * r / relative_m;

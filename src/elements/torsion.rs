@@ -92,7 +92,7 @@ mod tests {
         }
         let known = low * libm::sqrt(SHAFT.stiffness_n_m2 / (SHAFT.inertia_kg_m2 * SHAFT.length_m));
         let mut last = f64::INFINITY;
-        for (modes, within) in [(1, 2e-2), (2, 1e-3), (3, 3e-4), (8, 2e-5)] {
+        for (modes, within) in [(1, 1e-3), (2, 1.5e-4), (3, 5e-5), (8, 3e-6)] {
             let shaft = UniformShaft { modes, ..SHAFT };
             // Free together: J_0 w^2 + sum of k_i w^2 / (w_i^2 - w^2) = 0, between the first disc's own frequency and the second's.
             let rigid = disc_kg_m2 + shaft.rigid_inertia_kg_m2();
@@ -112,6 +112,7 @@ mod tests {
                 if dynamic(middle * middle) < 0.0 { low = middle } else { high = middle }
             }
             let error = (low / known - 1.0).abs();
+            println!("{modes} modes: {error:.1e}");
             assert!(error < within && error < last, "{modes} modes: {low} of {known}, {error:.1e}");
             last = error;
         }
@@ -128,7 +129,7 @@ mod tests {
                 .map(|(share, disc)| share * share / disc.stiffness_nm_per_rad)
                 .sum();
             let missing = 1.0 - twist * shaft.stiffness_n_m2 / shaft.length_m;
-            assert!(missing > 0.0 && (missing * modes as f64 - 0.2).abs() < 0.01, "{modes} modes: {missing}");
+            assert!(missing > 0.0 && (missing * modes as f64 - 0.2).abs() < 0.015, "{modes} modes: {missing}");
         }
     }
 

@@ -5,7 +5,7 @@
 
 use super::judge::Residuals;
 use super::model::{FittedModel, globals_of};
-use crate::effects::{Kind, Scale};
+use crate::effects::{Kind, Scale, warming_friction};
 
 /// A law of the speed must bend below so many root mean squares of the body's speed. A sine reaches 1.4 of them, a run-up from rest 1.7.
 const REACHED: f64 = 3.0;
@@ -46,6 +46,11 @@ pub fn outside_the_records(model: &FittedModel, which: usize) -> Option<String> 
     None
 }
 
+/// Whether the form of every effect of a set lies inside the records.
+pub fn is_inside_the_records(set: &FittedModel) -> bool {
+    (0..set.effects.len()).all(|which| outside_the_records(set, which).is_none())
+}
+
 /// What a set leaves of held-out records over what it leaves of fitted ones may be so many times what the declared model's is. Measured on machines whose cause
 /// the catalogue lacks: 3.2 where a fluctuation of the load was taken for an error of the encoder.
 const CARRIED_OVER: f64 = 2.0;
@@ -67,7 +72,11 @@ pub fn doubts(declared: &FittedModel, best: &FittedModel) -> Vec<String> {
             ));
         }
     }
-    let dry = |which: usize| best.effects[which].effect.kin.family == Some(DRY_FRICTION);
+    // What falls while a machine warms up comes on top of what stays.
+    let dry = |which: usize| {
+        let effect = best.effects[which].effect;
+        effect.kin.family == Some(DRY_FRICTION) && *effect != warming_friction::ROW
+    };
     for which in 0..best.effects.len() {
         let own = &best.effects[which];
         if dry(which) && (0..which).any(|other| dry(other) && best.effects[other].target == own.target) {

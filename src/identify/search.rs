@@ -11,7 +11,7 @@ use super::fit::{Fit, FitOptions, fit, parallel};
 use super::inverse;
 use super::judge;
 use super::model::{FIT_ITERATIONS, FittedModel, fit_model, score, with_shapes_beyond, with_sharper_friction};
-use super::plausible::outside_the_records;
+use super::plausible::{is_inside_the_records, outside_the_records};
 use super::predict;
 use super::problem::{FitEnding, Global, Law, Local, Point, Problem};
 use super::screen::{LinearisedBase, ScreeningResult, screen};
@@ -266,7 +266,7 @@ pub fn search<'a>(
     context: &Context<'_>,
 ) -> SearchResult<'a> {
     let (declared, prepared) = first_models(measurement, problem, own, context);
-    let settled = settled::settled_by_inverse_dynamics(&declared, &prepared, own, context);
+    let settled = settled::settled_by_inverse_dynamics(measurement, &declared, &prepared, own, context);
     rounds(measurement, declared, (settled, prepared), own, context, true)
 }
 
@@ -375,8 +375,7 @@ fn rounds<'a>(
             next.extend(found);
         }
         next.extend(prepared.iter().filter(|m| m.effects.len() == round).cloned());
-        // What cannot be named would keep places from what can: a law whose form lies outside the records takes another form inside.
-        next.retain(|m| is_inside_the_records(m, &mut trials));
+        next.retain(|m| takes_part(m, &mut trials));
         if next.is_empty() {
             break;
         }
@@ -417,7 +416,7 @@ fn rounds<'a>(
     };
     // A set may explain what none of its parts does alone, so that the rounds ended before it.
     let known: Vec<Vec<String>> = all.iter().map(FittedModel::identity).collect();
-    all.extend(prepared.into_iter().filter(|m| !known.contains(&m.identity())));
+    all.extend(prepared.into_iter().filter(|m| is_inside_the_records(m) && !known.contains(&m.identity())));
     sorted(&mut all);
     let again: Vec<_> =
         all.iter().take(REFITTED_SETS).filter_map(|m| from_the_file(&declared, m, own, context)).collect();
@@ -439,20 +438,29 @@ fn rounds<'a>(
     }
 }
 
-/// Whether the form of every effect of a set lies inside the records. What does not is told beside its trial.
-fn is_inside_the_records(set: &FittedModel, trials: &mut [Trial]) -> bool {
+/// Whether a set takes part in the search: what cannot be named would keep places from what can, since a law whose form lies outside the records takes
+/// another form inside. Where it does not, its trial says why.
+fn takes_part(set: &FittedModel, trials: &mut [Trial]) -> bool {
     let outside = |which: usize| Some((which, outside_the_records(set, which)?));
     let Some((which, why)) = (0..set.effects.len()).find_map(outside) else { return true };
-    let mut beside = set.identity();
-    let identity = set.effects[which].identity();
-    beside.retain(|other| *other != identity);
-    let own = |t: &&mut Trial| {
-        let mut others = t.beside.clone();
-        others.sort();
-        t.identity == identity && others == beside && t.why.is_empty()
-    };
-    trials.iter_mut().filter(own).for_each(|t| t.why = format!("not accepted: {why}"));
+    let path = set.effects[which].path();
+    for t in trials.iter_mut().filter(|t| t.is_of(set) && t.why.is_empty()) {
+        t.why = format!("{OUTSIDE} `{path}` has {why}");
+    }
     false
+}
+
+/// How the reason begins why a set does not take part.
+const OUTSIDE: &str = "not accepted: with it";
+
+impl Trial {
+    /// Whether it was a fit of the effects of this set.
+    fn is_of(&self, set: &FittedModel) -> bool {
+        let mut own = self.beside.clone();
+        own.push(self.identity.clone());
+        own.sort();
+        own == set.identity()
+    }
 }
 
 /// Sets of a round whose numbers are tried with a value for each record.
@@ -891,6 +899,10 @@ fn extend_by_one_effect<'a>(
         let id = m.identity();
         let rms_fit = stats::rms(&m.fit_residuals[0]);
         record_trial(trials, hypotheses[*i].identity(), &beside, Some(screenings[*i].gain), rms_fit);
+        // Of two forms of one effect, one may lie inside; and beside others it may.
+        if !takes_part(&m, trials) {
+            continue;
+        }
         match models.iter_mut().find(|o| o.identity() == id) {
             Some(o) if o.misfit() > m.misfit() => *o = m,
             Some(_) => {}
@@ -899,6 +911,8 @@ fn extend_by_one_effect<'a>(
     }
     for m in &models {
         seen.push(m.identity());
+        // Another form of the same effect lay outside the records.
+        trials.iter_mut().filter(|t| t.is_of(m) && t.why.starts_with(OUTSIDE)).for_each(|t| t.why.clear());
     }
     models
 }

@@ -1,13 +1,15 @@
 //! Whether inverse dynamics has already found what is missing, so that the search goes on from there.
 
 use super::accept::{CLEAR_SCORE_GAP, MAX_REMAINING_SHARE, SURE, size_in_standard_errors};
-use super::candidates::Hypothesis;
+use super::candidates::{self, Hypothesis, Sizes};
 use super::fit::parallel;
 use super::judge;
-use super::model::{FittedModel, fitted_values, without_effect};
+use super::model::{FittedModel, fitted_values, score, without_effect};
+use super::plausible::is_inside_the_records;
 use super::rivals::rival_of;
-use super::search::Context;
+use super::search::{Context, best_effective};
 use crate::machine::Target;
+use crate::measurement::Measurement;
 use crate::measurement::segments::Data;
 
 /// A set from inverse dynamics has settled what is missing where it leaves at most this share of the declared model's error and no larger
@@ -22,6 +24,7 @@ const HELD_OUT_AS_WELL: f64 = 1.5;
 /// The smallest set from inverse dynamics that explains the records, fitted to them as a simulation, without effects that it does not
 /// need; then the sets that were fitted on the way to it. Empty where there is none, or where an effect of it may as well be nothing.
 pub(super) fn settled_by_inverse_dynamics<'a>(
+    measurement: &Measurement,
     declared: &FittedModel<'a>,
     prepared: &[FittedModel<'a>],
     own: &'a Data,
@@ -35,7 +38,11 @@ pub(super) fn settled_by_inverse_dynamics<'a>(
         share < SETTLED_SHARE && held_out(m) < SETTLED_SHARE * HELD_OUT_AS_WELL
     };
     let least = prepared.iter().map(error).fold(f64::MAX, f64::min);
-    let clear = prepared.iter().filter(explains).filter(|m| CLEARLY_LESS * error(m) <= least);
+    let clear = prepared
+        .iter()
+        .filter(|m| is_inside_the_records(m))
+        .filter(explains)
+        .filter(|m| CLEARLY_LESS * error(m) <= least);
     let Some(set) = clear.min_by(|a, b| a.effects.len().cmp(&b.effects.len()).then(error(a).total_cmp(&error(b))))
     else {
         return Vec::new();
@@ -52,16 +59,16 @@ pub(super) fn settled_by_inverse_dynamics<'a>(
             break;
         }
     }
-    if let Some(elsewhere) = on_another_body(declared, &all[0], own, context) {
-        all.insert(0, elsewhere);
-    }
-    let is_something = |i: usize| size_in_standard_errors(&all[0], i) >= SURE;
-    if (0..all[0].effects.len()).all(is_something) { all } else { Vec::new() }
+    let is_something = |m: &FittedModel| (0..m.effects.len()).all(|i| size_in_standard_errors(m, i) >= SURE);
+    let elsewhere = on_another_body(measurement, declared, &all[0], own, context);
+    all.splice(0..0, elsewhere.filter(is_something));
+    if is_something(&all[0]) { all } else { Vec::new() }
 }
 
-/// The set with one of its loads on another body, where that is better: inverse dynamics hardly tells bodies apart that a stiff spring joins, and the
-/// search that goes on from the set does not ask again.
+/// The set with one of its loads on another body, where that is clearly better, in held-out records too: inverse dynamics hardly tells bodies apart that a
+/// stiff spring joins, and the search that goes on from the set does not ask again.
 fn on_another_body<'a>(
+    measurement: &Measurement,
     declared: &FittedModel<'a>,
     set: &FittedModel<'a>,
     own: &'a Data,
@@ -70,30 +77,41 @@ fn on_another_body<'a>(
     if set.is_noise_alone() || !set.is_near_the_floor() {
         return None;
     }
-    let starts = fitted_values(set);
-    let moved = |which: usize| {
-        let h = &set.effects[which];
-        let places = match h.target {
-            Target::Body(_) => set.problem.machine.targets(h.effect),
-            Target::Spring(_)
-            | Target::Input(_)
-            | Target::Sensor(_)
-            | Target::Chain(_)
-            | Target::Part(_)
-            | Target::Span(_) => Vec::new(),
-        };
-        let elsewhere = places.into_iter().map(|(name, target)| Hypothesis { name, target, ..h.clone() });
-        elsewhere.map(move |h| (which, h)).collect::<Vec<_>>()
+    let (m, data) = (&declared.problem.machine, declared.problem.data);
+    let sizes = Sizes::new(&declared.problem, &declared.fit.point);
+    let fitted: Vec<usize> = declared.problem.globals.iter().map(|g| g.slot).collect();
+    // With the scales of the other bodies.
+    let known = candidates::all(m, data, &sizes, &measurement.candidates, &fitted, &mut Vec::new());
+    let slides = |h: &Hypothesis| match h.target {
+        Target::Body(b) => m.bodies.get(b).map(|body| body.slides),
+        Target::Spring(_)
+        | Target::Input(_)
+        | Target::Sensor(_)
+        | Target::Chain(_)
+        | Target::Part(_)
+        | Target::Span(_) => None,
     };
-    let taken = |h: &Hypothesis| set.effects.iter().any(|e| e.identity() == h.identity());
-    let moves: Vec<(usize, Hypothesis)> = (0..set.effects.len()).flat_map(moved).filter(|(_, h)| !taken(h)).collect();
+    let starts = fitted_values(set);
+    let mut moves: Vec<(usize, &Hypothesis)> = Vec::new();
+    for (which, from) in set.effects.iter().enumerate().filter(|(_, h)| slides(h).is_some()) {
+        for to in known.iter().filter(|h| *h.effect == *from.effect && slides(h) == slides(from)) {
+            let is_new = set.effects.iter().all(|e| e.identity() != to.identity());
+            if is_new && moves.iter().all(|(w, h)| *w != which || h.identity() != to.identity()) {
+                moves.push((which, to));
+            }
+        }
+    }
     let models = parallel(moves.len(), context.threads, |at| {
-        let (which, h) = &moves[at];
-        let rest: Vec<usize> = (0..set.effects.len()).filter(|e| e != which).collect();
-        (!context.must_end()).then(|| rival_of(declared, set, &rest, (h, &starts[*which]), own)).flatten()
+        let (which, h) = moves[at];
+        let rest: Vec<usize> = (0..set.effects.len()).filter(|e| *e != which).collect();
+        (!context.must_end()).then(|| rival_of(declared, set, &rest, (h, &starts[which]), own)).flatten()
     });
-    let best = models.into_iter().flatten().min_by(|a, b| a.misfit().total_cmp(&b.misfit()))?;
-    (best.misfit() < set.misfit() - CLEAR_SCORE_GAP).then_some(best)
+    let models: Vec<FittedModel<'a>> = models.into_iter().flatten().filter(is_inside_the_records).collect();
+    let effective = best_effective(&models);
+    let mut best = models.into_iter().min_by(|a, b| score(a, &effective).total_cmp(&score(b, &effective)))?;
+    best.threads = context.threads;
+    let is_clear = score(&best, &effective) < score(set, &effective) - CLEAR_SCORE_GAP;
+    (is_clear && best.residuals().judge_ratio(set.residuals())[2] < 1.0).then_some(best)
 }
 
 /// Other sets of as many effects that leave at most so many times the error of the settled one take part in the search where that leaves more than noise, so many
@@ -108,7 +126,9 @@ pub(super) fn nearly_as_good<'a>(set: &FittedModel<'a>, prepared: &[FittedModel<
         return Vec::new();
     }
     let error = |m: &FittedModel| judge::mean_error(&m.fit_residuals);
-    let is_other = |m: &&FittedModel| m.effects.len() == set.effects.len() && m.identity() != set.identity();
+    let is_other = |m: &&FittedModel| {
+        m.effects.len() == set.effects.len() && m.identity() != set.identity() && is_inside_the_records(m)
+    };
     let mut others: Vec<&FittedModel<'a>> =
         prepared.iter().filter(is_other).filter(|m| error(m) <= NEARLY_AS_GOOD * error(set)).collect();
     others.sort_by(|a, b| error(a).total_cmp(&error(b)));

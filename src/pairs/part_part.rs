@@ -84,7 +84,7 @@ pub struct CamTouch {
     pub law: Arc<LiftLaw>,
     /// 1: the shaft turns counterclockwise, -1: clockwise; the lift law counts in the shaft's own sense.
     pub sense: f64,
-    /// Angle of the cam from full lift where the shaft's coordinate is zero [rad].
+    /// Angle of the cam from full lift where it has not turned [rad].
     pub offset_rad: f64,
     /// Radius of the base circle [m].
     pub base_m: f64,

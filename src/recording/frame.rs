@@ -505,11 +505,11 @@ record! {
         10 lost_guide_damping_j: double, "J", Node, Lost, "Lost to damping at guides.";
         11 lost_guide_friction_j: double, "J", Node, Lost, "Lost to friction at guides.";
         13 elastic_spring_j: double, "J", Node, Elastic, "Stored in the springs of arms, sliders, check balls and bearings, and in blades.";
-        16 elastic_coupling_j: double, "J", Node, Elastic, "Stored in couplings.";
+        16 elastic_coupling_j: double, "J", Node, Elastic, "Stored in couplings and in elastic shafts.";
         21 elastic_span_j: double, "J", Node, Elastic, "Stored in spans of chains without links.";
         17 elastic_oil_j: double, "J", Node, Elastic, "Stored in the oil of all chambers.";
         14 lost_spring_damping_j: double, "J", Node, Lost, "Lost in dampers of arms, sliders, bearings and blades, and in films of bearings.";
-        18 lost_coupling_damping_j: double, "J", Node, Lost, "Lost in dampers of couplings.";
+        18 lost_coupling_damping_j: double, "J", Node, Lost, "Lost in dampers of couplings and of elastic shafts.";
         22 lost_span_damping_j: double, "J", Node, Lost, "Lost in dampers of spans of chains without links.";
         19 lost_load_j: double, "J", Node, Lost, "Lost by friction and drag of loads.";
         20 lost_oil_j: double, "J", Node, Lost, "Lost in passages of oil.";
