@@ -522,7 +522,7 @@ fn a_lumped_drive_is_told_from_one_with_links_and_effects_are_listed() {
     let list = effects["effects"].as_array().expect("a list");
     assert!(list.len() >= 24);
     assert!(list.iter().all(|e| e["equation"].as_str().is_some_and(|t| !t.is_empty())));
-    assert!(json(&pitchline(&["sensors", "--json"]))["sensors"].as_array().is_some_and(|s| s.len() == 10));
+    assert!(json(&pitchline(&["sensors", "--json"]))["sensors"].as_array().is_some_and(|s| s.len() == 11));
 }
 
 /// Every bundled drive as a former version had it is read, or `check --migrate` makes of it a text that is: with every comment and every other line
