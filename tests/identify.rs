@@ -326,7 +326,10 @@ fn friction_that_bends_beyond_the_speeds_of_the_records_is_not_named() {
     let r = identified(&path, 2, ALL).expect("identified");
     println!("{}", pitchline::identify::text::text(&r));
     assert_eq!(r.outcome, IdentificationVerdict::None, "{:?}", paths(&r));
-    let why = |c: &pitchline::identify::search::Trial| c.why.contains("do not reach the bend");
+    // Of its two forms the one that bends beyond them takes no part; the other is held against a damper.
+    let why = |c: &pitchline::identify::search::Trial| {
+        c.why.contains("a force of the form v in its place leaves clearly less")
+    };
     assert!(r.candidates.iter().any(why), "{:#?}", r.candidates);
 }
 
