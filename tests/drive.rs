@@ -553,6 +553,7 @@ fn every_kind_of_sensor_is_a_row_that_is_read() {
         ("strain_gauge", "link = 3"),
         ("force", "guide = \"tight\""),
         ("displacement", "body = \"plunger\""),
+        ("twist", "shaft = \"rod\""),
         ("pressure", "chamber = \"high\""),
         ("flow", "passage = \"feed\""),
     ];
@@ -560,7 +561,8 @@ fn every_kind_of_sensor_is_a_row_that_is_read() {
         assert!(kind.lumped.is_some() || kind.links.is_some(), "{} is on nothing", kind.name);
         assert_eq!(SENSORS.iter().filter(|k| k.name == kind.name).count(), 1);
         let key = keys.iter().find(|(name, _)| *name == kind.name).map_or("", |(_, key)| key);
-        let with = format!("{text}\n[sensors.{}.probe]\n{key}\n", kind.name);
+        let rod = "[elastic_shafts.rod]\nbody = \"driven\"\nlength_mm = 100\ndiameter_mm = 20\n";
+        let with = format!("{text}\n{rod}\n[sensors.{}.probe]\n{key}\n", kind.name);
         let read = Drive::parse("t.toml", &with, &[]);
         match (kind.links, read) {
             (Some(_), Ok(drive)) => {
