@@ -277,7 +277,7 @@ pub struct Model {
     pub driver_motion: Option<DriverMotion>,
     /// Coordinates of shafts without sprockets, then of arms, in the order of the drive.
     turning_parts: Vec<usize>,
-    /// Of every elastic shaft the coordinates whose weighted sum is the turn of its free end against what turns it.
+    /// For every elastic shaft, coordinates with their weights. The weighted sum is the turn of the free end, less the turn of the body that drives the shaft.
     pub free_ends: Vec<Vec<(usize, f64)>>,
     /// Contour of the links' ends of every chain; None: it has bushes and plate ends only.
     pub contours: Vec<Option<LinkContour>>,

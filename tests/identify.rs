@@ -326,7 +326,7 @@ fn friction_that_bends_beyond_the_speeds_of_the_records_is_not_named() {
     let r = identified(&path, 2, ALL).expect("identified");
     println!("{}", pitchline::identify::text::text(&r));
     assert_eq!(r.outcome, IdentificationVerdict::None, "{:?}", paths(&r));
-    // Of its two forms the one that bends beyond them takes no part; the other is held against a damper.
+    // The search fits friction in two forms. It drops the form that bends beyond the records, and finds that a damper fits better than the other form.
     let why = |c: &pitchline::identify::search::Trial| {
         c.why.contains("a force of the form v in its place leaves clearly less")
     };

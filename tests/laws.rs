@@ -246,7 +246,7 @@ fn a_winkler_foundation_returns_its_restitution() {
     let found: Vec<f64> = [0.4e-6, 0.2e-6, 0.1e-6].map(|h| impacts(&law, at_m_s, h).speed_m_s / at_m_s).to_vec();
     println!("restitution {found:?} of {e}");
     let errors: Vec<f64> = found.iter().map(|f| (f - e).abs()).collect();
-    // Of second order in the step.
+    // The error falls with the square of the step.
     assert!(errors[2] < 5e-5 && errors.windows(2).all(|w| (3.5..4.5).contains(&(w[0] / w[1]))), "{errors:?}");
 }
 

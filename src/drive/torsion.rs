@@ -20,7 +20,7 @@ pub struct ElasticShaftSpec {
     pub body: Moving,
     /// A sprocket on that body; None: none is.
     pub sprocket: Option<usize>,
-    /// What of it twists.
+    /// The shaft itself: its stiffness, its inertia and its modes.
     pub shaft: UniformShaft,
 }
 

@@ -25,7 +25,7 @@ pub struct UniformShaft {
     pub length_m: f64,
     /// Torsional stiffness of a length of one metre, G I_p [N m2/rad].
     pub stiffness_n_m2: f64,
-    /// Of all of it, with what is spread evenly along it [kg m2].
+    /// Moment of inertia of the whole shaft. It includes what is spread evenly along the shaft [kg m2].
     pub inertia_kg_m2: f64,
     /// Number of modes, at most [`MAX_TORSION_MODES`].
     pub modes: usize,

@@ -899,7 +899,7 @@ fn extend_by_one_effect<'a>(
         let id = m.identity();
         let rms_fit = stats::rms(&m.fit_residuals[0]);
         record_trial(trials, hypotheses[*i].identity(), &beside, Some(screenings[*i].gain), rms_fit);
-        // Of two forms of one effect, one may lie inside; and beside others it may.
+        // A form outside the records is dropped here, before two forms of one effect are compared. Its set is not marked as seen: another fit may lie inside.
         if !takes_part(&m, trials) {
             continue;
         }
