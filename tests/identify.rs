@@ -41,7 +41,8 @@ fn the_rowing_flywheel_has_uneven_marks() {
         return;
     };
     let r = identified(&path, 2, ALL).expect("identified");
-    assert_eq!(r.outcome, IdentificationVerdict::Named, "{:?}", paths(&r));
+    // The flywheel's speed is left: what is left is not white.
+    assert_eq!(r.outcome, IdentificationVerdict::Part, "{:?}", paths(&r));
     assert_eq!(paths(&r), ["effects.mark_spacing.flywheel"]);
     let (before, after) = (r.error_before[0].held_out.expect("held out"), r.error_after[0].held_out.expect("held out"));
     // Found before by other means: 0.948 % to 0.125 %. Measured here: 0.948 to 0.125.
@@ -85,7 +86,8 @@ fn the_coupled_drives_have_a_sign_blind_sensor_a_lag_and_friction_and_more() {
     let data = ["coupled_electric_drives/DATAUNIF.csv", "coupled_electric_drives/DATAPRBS.csv"];
     let Some((_folder, path)) = measured("coupled-drives", &data) else { return };
     let r = identified(&path, 2, ALL).expect("identified");
-    assert_eq!(r.outcome, IdentificationVerdict::Named, "{:?}", paths(&r));
+    // Beside what is left, a drag that grows with the square of the speed is as good as a damper.
+    assert_eq!(r.outcome, IdentificationVerdict::Ambiguous, "{:?}", paths(&r));
     // A free size for every half record gives nearly the same size.
     let sizes = r.effects.iter().flat_map(|e| &e.sizes).map(|s| s.relative);
     assert!(
@@ -588,7 +590,8 @@ fn friction_beside_a_flexible_shaft_keeps_its_name() {
     let mut names = paths(&r);
     names.sort_unstable();
     assert_eq!(names, ["effects.coulomb_friction.shaft", "effects.torsional_resonance.shaft"]);
-    assert_eq!(r.outcome, IdentificationVerdict::Named);
+    // The damper of the other end is not among the effects.
+    assert_eq!(r.outcome, IdentificationVerdict::Part);
     let value = |path: &str, key: &str| {
         let e = r.effects.iter().find(|e| e.path == path).expect("named");
         e.parameters.iter().find(|p| p.path.ends_with(key)).expect("a number").value

@@ -16,6 +16,8 @@ COLUMNS = [
     ("named", "of the clear: NAMED, and all true ones are among the names"),
     ("names", "names given as NAMED, all cases"),
     ("false", "of them false"),
+    ("part", "names given as PART: something else is left"),
+    ("part_false", "of them false"),
     ("unsure", "names given as LEAD or AMBIGUOUS"),
     ("unsure_false", "of them false, with their alternatives"),
     ("silent", "outside and clean cases: without a name"),
@@ -73,8 +75,9 @@ def judge(truth, result):
             found += [effect] if effect not in found else []
     wrong = [e["path"] for e, s in zip(result["effects"], sets, strict=True) if not s & right]
     sure = result["outcome"] == "named"
-    out["names" if sure else "unsure"] = len(sets)
-    out["false" if sure else "unsure_false"] = len(wrong)
+    given = {"named": ("names", "false"), "part": ("part", "part_false")}
+    count, false = given.get(result["outcome"], ("unsure", "unsure_false"))
+    out[count], out[false] = len(sets), len(wrong)
     problems = [f"false {name}" for name in wrong]
     if truth["effects"]:
         problems += judge_found(truth, result, found, sets, out)
@@ -114,7 +117,10 @@ def near(truth, name):
 def judge_numbers(truth, result, found, complete, out):
     """Counts the intervals of sizes and of inertias."""
     for effect in result["effects"]:
-        if effect["path"] not in found or effect["path"] not in truth["effects"] or truth["course"]:
+        # Sizes that differ from record to record, as those of most causes outside the catalogue, are no constants.
+        if effect["path"] not in found or effect["path"] not in truth["effects"]:
+            continue
+        if truth["course"] or truth["kind"] == "outside":
             continue
         values = {p["path"].rsplit(".", 1)[1]: p for p in effect["parameters"] if not p["at_bound"]}
         for key, true in truth["effects"][effect["path"]].items():

@@ -124,7 +124,8 @@ pub fn identify(
     let mut unresolved = resolved::resolve(&mut found.best, &own, context);
     let mut report = report::report(measurement, data, &found);
     let mut has_course = false;
-    if !report.explained && !context.must_end() {
+    let is_trending = || report.effects.iter().any(|e| steady::course(&e.sizes).is_some());
+    if (!report.explained || is_trending()) && !context.must_end() {
         context.report("looking for numbers that differ from record to record");
         // A single effect may have taken the place of one whose size differs from record to record.
         let others = if found.best.effects.len() <= 1 { &leads[..] } else { &[] };
@@ -159,7 +160,7 @@ pub fn identify(
         report.set_inverse_dynamics(inverse::second_voice(&found.best, context));
     }
     for moved in moved::moved_numbers(measurement, &found.declared, &found.best) {
-        if report.is_confirmed(&moved.path) {
+        if !moved.is_at_bound && report.is_confirmed(&moved.path) {
             report.warnings.push(moved.text + "; inverse dynamics gives the same number");
         } else if moved.is_implausible {
             report.doubts.push(moved.text);
@@ -167,8 +168,20 @@ pub fn identify(
             report.warnings.push(moved.text);
         }
     }
+    if !has_course {
+        let drifting: Vec<String> = report.effects.iter().filter_map(drifting_size).collect();
+        report.doubts.extend(drifting);
+    }
     if !report.explained {
         report.doubts.extend(plausible::doubts(&found.declared, &found.best));
+    }
+    if report.outcome == IdentificationVerdict::Named && !context.must_end() {
+        let held_out = found.best.own;
+        if let Some((body, term)) = unnamed::one_in_place_of_several(&found.declared, &found.best, held_out, context) {
+            report.doubts.push(format!(
+                "one force of the form {term} on `{body}`, which has no name here, leaves as little as the effects by its speed together"
+            ));
+        }
     }
     context.report("analysing the residuals");
     report.diagnosis = diagnosis::diagnose(&found.declared, context.threads);
@@ -179,13 +192,32 @@ pub fn identify(
         context.report("searching an unnamed formula");
         report.unnamed = unnamed::search(&found.best, &own, context);
     }
-    if report.outcome == IdentificationVerdict::Named && (!report.doubts.is_empty() || cut_short) {
-        report.outcome = IdentificationVerdict::Lead;
+    if report.outcome == IdentificationVerdict::Named {
+        report.outcome = match (report.doubts.is_empty() && !cut_short, report.explained) {
+            (false, _) => IdentificationVerdict::Lead,
+            (true, false) => IdentificationVerdict::Part,
+            (true, true) => IdentificationVerdict::Named,
+        };
     }
     report.interrupted = context.stop.load(Ordering::Relaxed);
     report.budget_spent = context.must_end() && !report.interrupted;
     report.model_runs = context.runs.load(Ordering::Relaxed);
     Ok(report)
+}
+
+/// A size that changes by this factor from the first record to the last is no constant. Not varied.
+const CHANGES: f64 = 1.25;
+
+/// What speaks against an effect of one size: it falls or rises with the records.
+fn drifting_size(e: &report::NamedEffect) -> Option<String> {
+    let [first, last] = steady::course(&e.sizes)?;
+    let changes = first.max(last) > CHANGES * first.min(last);
+    changes.then(|| {
+        format!(
+            "the size of `{}` goes from {first:.2} times its value in the first record to {last:.2} times in the last: no one size holds for all",
+            e.path
+        )
+    })
 }
 
 /// Duration of the records at the operating point that has most [s].

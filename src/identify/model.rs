@@ -98,6 +98,16 @@ impl<'a> FittedModel<'a> {
         self.problem.machine.effort().noise_alone_is_left && channels.all(|(c, left)| is_noise(left, c.noise))
     }
 
+    /// Whether white residuals near the noise floor are all that is left of every channel, held-out records included.
+    pub fn is_explained(&self) -> bool {
+        let residuals = self.residuals();
+        self.problem.data.channels.iter().enumerate().all(|(c, channel)| {
+            let (fit, held_out) = residuals.rms(c);
+            let rms = if residuals.judge[c].is_empty() { fit } else { held_out };
+            rms <= EXPLAINED * channel.noise && stats::white(&residuals.judge[c]) && stats::white(&residuals.fit[c])
+        })
+    }
+
     /// Deviance on the fitted data, with priors. It compares fits of the same parameters, because their costs are not
     /// comparable: every fit weights channels by their own residuals.
     pub fn misfit(&self) -> f64 {
@@ -112,6 +122,9 @@ impl<'a> FittedModel<'a> {
         id
     }
 }
+
+/// Within this multiple of the floor, and white, the error counts as explained.
+pub const EXPLAINED: f64 = 1.5;
 
 /// Up to this multiple of the noise a model counts as near the floor.
 const NEAR_FLOOR: f64 = 1.5;
@@ -326,7 +339,14 @@ pub fn refitted<'a>(
     let mut problem = declared.problem.clone();
     problem.weights.clone_from(&model.problem.weights);
     let mut point = declared.fit.point.clone();
-    point.globals.clone_from_slice(&model.fit.point.globals[..n_declared]);
+    let fitted = problem.globals.iter().zip(&model.fit.point.globals[..n_declared]);
+    for (x, (global, fitted)) in point.globals.iter_mut().zip(fitted) {
+        let (low, high) = global.law.bounds();
+        // A load that the model's effects have replaced lies where no fit moves it: it starts from the declared model's fit.
+        if low < *fitted && *fitted < high {
+            *x = *fitted;
+        }
+    }
     // Locals of the declared model come first, then those of every effect.
     let mut at_local = problem.locals.len();
     for (own, from) in point.locals.iter_mut().zip(&model.fit.point.locals) {

@@ -18,6 +18,8 @@ pub struct MovedNumber {
     pub text: String,
     /// Whether nothing in the measurement file says that it may lie so far off.
     pub is_implausible: bool,
+    /// Whether it ends at a limit of its range, so that no other way confirms it.
+    pub is_at_bound: bool,
 }
 
 /// Declared numbers that the final fit has moved far from their file values.
@@ -44,10 +46,10 @@ pub fn moved_numbers(measurement: &Measurement, declared: &FittedModel, best: &F
             }
         };
         let has_range = own.is_some_and(|f| f.low.is_some() || f.high.is_some());
-        // A load is small where an effect takes its place.
-        let is_load = path.starts_with("loads.");
-        let is_implausible = stated.is_none() && !has_range && !is_load;
-        far.then(|| MovedNumber { path, text: moved + &why, is_implausible })
+        let (low, high) = g.law.bounds();
+        let is_at_bound = *to <= low || *to >= high;
+        let is_implausible = stated.is_none() && !has_range;
+        far.then(|| MovedNumber { path, text: moved + &why, is_implausible, is_at_bound })
     };
     numbers.filter_map(text).collect()
 }

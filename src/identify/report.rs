@@ -6,7 +6,7 @@ use super::diagnosis::Diagnosis;
 use super::drifting::VaryingNumber;
 use super::inverse::InverseDynamics;
 use super::judge::Residuals;
-use super::model::{FittedModel, placed_path, standard_error, standard_errors_off};
+use super::model::{EXPLAINED, FittedModel, placed_path, standard_error, standard_errors_off};
 use super::predict::Prediction;
 use super::problem::{Point, Problem};
 use super::rivals::Rival;
@@ -27,9 +27,11 @@ use serde::Serialize;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum IdentificationVerdict {
-    /// These effects are accepted.
+    /// These effects are accepted, and what they leave is noise.
     Named,
-    /// These effects stand, but only with a number of the drive that no machine has: see the doubts.
+    /// These effects are accepted, and something beside noise is left: a cause that is not among them may share in what they take.
+    Part,
+    /// These effects stand, but with a number of the drive that no machine has or another doubt, or by a search that was cut short.
     Lead,
     /// One of several sets of effects, which these records cannot distinguish.
     Ambiguous,
@@ -443,9 +445,6 @@ fn to_usual_form(effect: &Effect, parameters: &mut [FittedNumber]) {
     waves::to_usual_form(&mut wave);
     parameters.iter_mut().zip(wave).for_each(|(n, usual)| n.value = usual.value);
 }
-
-/// Within this multiple of the floor, and white, the error counts as explained.
-const EXPLAINED: f64 = 1.5;
 
 fn effect(found: &AcceptedResult, which: usize, data: &Data) -> NamedEffect {
     let best = &found.best;

@@ -44,6 +44,25 @@ pub fn differ(sizes: &[Size]) -> bool {
     chi2 > point && spread > EQUAL_SPREAD * EQUAL_SPREAD
 }
 
+/// Records from which a course of sizes is told, and standard errors by which its ends must differ: one of 400 by chance.
+const LEAST_RECORDS: usize = 3;
+const ENDS_DIFFER: f64 = 3.0;
+
+/// Sizes of the first and the last record, if sizes fall or rise from record to record by more than their errors.
+pub fn course(sizes: &[Size]) -> Option<[f64; 2]> {
+    // Weighted mean of the halves of each record, and its variance.
+    let of_record = |own: &[Size]| {
+        let weight = |s: &Size| 1.0 / (s.standard_error * s.standard_error).max(1e-12);
+        let weights: f64 = own.iter().map(weight).sum();
+        (own.iter().map(|s| weight(s) * s.relative).sum::<f64>() / weights, 1.0 / weights)
+    };
+    let of: Vec<(f64, f64)> = sizes.chunk_by(|a, b| a.record == b.record).map(of_record).collect();
+    let [first, .., last] = of.as_slice() else { return None };
+    let one_way = of.windows(2).all(|w| w[1].0 > w[0].0) || of.windows(2).all(|w| w[1].0 < w[0].0);
+    let is_sure = (last.0 - first.0).abs() > ENDS_DIFFER * libm::sqrt(first.1 + last.1);
+    (of.len() >= LEAST_RECORDS && one_way && is_sure).then_some([first.0, last.0])
+}
+
 /// `0.98 1.02 in first, 1.00 0.99 in second`.
 pub fn sizes_text(sizes: &[Size]) -> String {
     let mut text = String::new();
@@ -137,6 +156,25 @@ mod tests {
             standard_error: s.1,
         };
         all.iter().enumerate().map(size).collect()
+    }
+
+    #[test]
+    fn sizes_have_a_course_if_they_go_one_way_by_more_than_their_errors() {
+        let has_course = |of: &[(&str, f64, f64)]| {
+            let size = |(i, s): (usize, &(&str, f64, f64))| Size {
+                record: s.0.into(),
+                half: 1 + i as u32 % 2,
+                relative: s.1,
+                standard_error: s.2,
+            };
+            course(&of.iter().enumerate().map(size).collect::<Vec<_>>()).is_some()
+        };
+        let falls = [("a", 1.2, 0.05), ("a", 1.1, 0.05), ("b", 1.0, 0.05), ("b", 1.0, 0.05), ("c", 0.8, 0.05)];
+        assert!(has_course(&falls));
+        assert!(!has_course(&falls.map(|(record, size, _)| (record, size, 0.2))), "by less than their errors");
+        assert!(!has_course(&falls[..4]), "two records are always in an order");
+        assert!(!has_course(&[("a", 1.2, 0.05), ("b", 0.7, 0.05), ("c", 0.8, 0.05)]), "down and up");
+        assert!(!has_course(&[]));
     }
 
     #[test]

@@ -43,6 +43,7 @@ fn verdict(r: &IdentificationReport) -> String {
     };
     match r.outcome {
         IdentificationVerdict::Named => format!("NAMED: {}", named(true)),
+        IdentificationVerdict::Part => format!("PART, something else is left: {}", named(true)),
         IdentificationVerdict::Lead => format!("LEAD, not named: {}", named(true)),
         IdentificationVerdict::Ambiguous => format!("AMBIGUOUS: {}", named(false)),
         IdentificationVerdict::None if r.interrupted || r.budget_spent => {

@@ -5,8 +5,8 @@ use super::candidates::Hypothesis;
 use super::diagnosis::StateLine;
 use super::fit::{Fit, parallel};
 use super::judge::mean_error;
-use super::model::{FittedModel, placed_path, refit_with};
-use super::screen::{LinearisedBase, screen};
+use super::model::{FIT_ITERATIONS, FittedModel, placed_path, refit_with, refitted};
+use super::screen::{FitStart, LinearisedBase, screen};
 use super::search::Context;
 use crate::effects::{
     BodyAt, BodyLaw, Effect, HighestOrder, Kin, Kind, On, Parameter, Part, Physics, Scale, coulomb_friction,
@@ -159,6 +159,44 @@ pub fn in_place_of(model: &FittedModel, which: usize) -> Vec<Hypothesis> {
         .filter(|h| h.values[0].is_finite() && h.values[0] != 0.0)
         .collect()
 }
+
+/// A body on which several effects of the set act by its speed, and one term without a name that leaves as little in place of them all, with
+/// fewer numbers: the set may then be no more than a shape of that law.
+pub fn one_in_place_of_several<'a>(
+    declared: &FittedModel<'a>,
+    best: &FittedModel<'a>,
+    own: &'a Data,
+    context: &Context<'_>,
+) -> Option<(String, &'static str)> {
+    let records = best.problem.data.records.len();
+    for body in bodies(&best.problem.machine) {
+        let acts =
+            |which: &usize| best.effects[*which].target == Target::Body(body) && !in_place_of(best, *which).is_empty();
+        let (several, kept): (Vec<usize>, Vec<usize>) = (0..best.effects.len()).partition(acts);
+        if several.len() < 2 {
+            continue;
+        }
+        let sizes = super::candidates::Sizes::new(&best.problem, &best.fit.point);
+        let force = sizes.force(body);
+        let terms: Vec<usize> = (0..LIBRARY.len()).filter(|t| IN_SPEED.contains(&LIBRARY[*t].0)).collect();
+        let models = parallel(terms.len(), context.threads, |i| {
+            let h = hypothesis(best, body, terms[i], force);
+            let of_one = LIBRARY[terms[i]].1(&[1.0], BodyAt { q: 0.0, v: sizes.speed(body) });
+            let start =
+                FitStart { values: vec![-0.1 * force / of_one], phases: vec![0.0; records], travels: Vec::new() };
+            (!context.must_end()).then(|| refitted(declared, best, &kept, Some((&h, &start)), own, 1, FIT_ITERATIONS))
+        });
+        let fitted = models.into_iter().flatten().zip(&terms);
+        let mut as_good = fitted.filter(|(m, _)| m.residuals().judge_ratio(best.residuals())[0] < AS_LITTLE);
+        if let Some((_, term)) = as_good.next() {
+            return Some((best.problem.machine.bodies[body].name.clone(), LIBRARY[*term].0));
+        }
+    }
+    None
+}
+
+/// Held-out error of one term over that of the effects that it replaces, up to which it leaves as little. Not varied.
+const AS_LITTLE: f64 = 1.02;
 
 /// Terms of the library that depend on speed alone.
 const IN_SPEED: [&str; 4] = ["v", "v |v|", "v^3", "sign(v)"];
