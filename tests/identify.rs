@@ -4,8 +4,9 @@
 mod identified;
 
 use identified::{ALL, identified, paths};
+use pitchline::identify::declared;
 use pitchline::identify::report::{IdentificationReport, IdentificationVerdict};
-use pitchline::identify::search::{Budget, Context, declared};
+use pitchline::identify::search::{Budget, Context};
 use pitchline::machine::Machine;
 use pitchline::measurement::Measurement;
 use pitchline::measurement::columns::Memory;
@@ -662,7 +663,7 @@ fn records_that_start_at_rest_have_no_start_to_find() {
         let quiet = |_: &str, _: u64| {};
         let started = std::time::Instant::now();
         let context = Context { threads: 1, budget: ALL, started, stop: &stop, progress: &quiet, runs: &runs };
-        let problem = declared(&measurement, &machine, &data, &context);
+        let problem = declared::problem(&measurement, &machine, &data, &context);
         let point = problem.start();
         for part in 0..2 {
             let shifted: Vec<f64> = point.locals[part].iter().map(|x| x + 0.5).collect();

@@ -13,6 +13,7 @@
 //! keeps its relation. Its length is the one of [`HALVES`] with the least held-out error, relative to the force.
 
 use super::candidates::{self, Hypothesis, Sizes};
+use super::declared;
 use super::judge;
 use super::model::{FIT_ITERATIONS, FittedModel, fit_model, fitted_values, score, standard_error};
 use super::problem::{Local, Point, Problem};
@@ -381,7 +382,7 @@ fn problem<'a>(forward: &Problem<'a>, inverse: &'a InverseRecords) -> Problem<'a
         ending: forward.ending,
     };
     // What the declared machine needs, and more.
-    let needed = search::steps_needed_at(&problem, &problem.start()).unwrap_or(1.0);
+    let needed = declared::steps_needed_at(&problem, &problem.start()).unwrap_or(1.0);
     problem.max_steps = problem.max_steps.min(STEPS_OF_A_SWING.max(2.0 * needed));
     problem
 }

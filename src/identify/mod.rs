@@ -12,6 +12,8 @@ pub mod candidates;
 #[doc(hidden)]
 pub mod crossed;
 #[doc(hidden)]
+pub mod declared;
+#[doc(hidden)]
 pub mod diagnosis;
 #[doc(hidden)]
 pub mod drifting;
@@ -43,6 +45,7 @@ mod softened;
 pub mod stats;
 #[doc(hidden)]
 pub mod steady;
+mod stretches;
 #[doc(hidden)]
 pub mod structure;
 pub mod text;
@@ -101,7 +104,7 @@ pub fn identify(
         noise: noise_of_sensors(machine, data),
         at_one_point_s: longest_at_one_point_s(machine, data),
     });
-    let problem = search::declared(measurement, &named, data, context);
+    let problem = declared::problem(measurement, &named, data, context);
     let start = problem.start();
     for (k, s) in data.segments.iter().enumerate() {
         if let Err(cause) = problem.model(k, &start.globals, &start.locals[k], false) {
@@ -145,7 +148,7 @@ pub fn identify(
         let records = PredictedRecords { data, machine, named: &named, noisy: &noisy };
         (found, report) = predict::by_prediction(measurement, &records, begun, (found, report), context);
     }
-    if search::is_at_step_limit(&found.best) {
+    if declared::is_at_step_limit(&found.best) {
         let (most, machine) = (found.best.problem.max_steps, &found.best.problem.machine);
         let what = match machine.springs.is_empty() {
             true => "friction that is sharper at rest was not tried: a `stick_speed` here is an upper limit",

@@ -11,6 +11,7 @@
 
 use super::accept::{self, AcceptedResult};
 use super::candidates::{Hypothesis, Sizes};
+use super::declared;
 use super::fit::{FitOptions, fit};
 use super::judge;
 use super::model::{FIT_ITERATIONS, FittedModel, fit_model, refitted};
@@ -191,8 +192,8 @@ fn search<'a>(
     context: &'a Context<'a>,
 ) -> SearchResult<'a> {
     context.report("prediction: fitting the declared model");
-    let problem = Problem { correction: share, ..search::declared(measurement, machine, data, context) };
-    let mut declared = search::baseline(problem, own, context);
+    let problem = Problem { correction: share, ..declared::problem(measurement, machine, data, context) };
+    let mut declared = declared::fitted(problem, own, context);
     let mut start = declared.fit.point.clone();
     let numbers = start.globals.len();
     start.globals.copy_from_slice(&simulated.fit.point.globals[..numbers]);
@@ -200,7 +201,7 @@ fn search<'a>(
     if other.misfit() < declared.misfit() {
         declared = other;
     }
-    search::set_step_limit(&mut declared.problem, &declared.fit.point);
+    declared::set_step_limit(&mut declared.problem, &declared.fit.point);
     let all: Vec<usize> = (0..simulated.effects.len()).collect();
     let mut prepared = Vec::new();
     if !all.is_empty() {

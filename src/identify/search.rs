@@ -5,28 +5,26 @@
 //! sets are examined, held-out data decide which are accepted.
 
 use super::candidates::{self, Hypothesis, Sizes};
+use super::declared::{self, DEVIANCE_TOLERANCE, set_step_limit, steps_needed_at};
 use super::diagnosis::standing_orders;
 use super::drifting;
-use super::fit::{Fit, FitOptions, fit, parallel};
+use super::fit::{FitOptions, fit, parallel};
 use super::inverse;
 use super::judge;
 use super::model::{FIT_ITERATIONS, FittedModel, fit_model, score, with_shapes_beyond, with_sharper_friction};
 use super::plausible::{is_inside_the_records, outside_the_records};
 use super::predict;
-use super::problem::{FitEnding, Global, Law, Local, Point, Problem};
+use super::problem::{FitEnding, Local, Point, Problem};
 use super::screen::{LinearisedBase, ScreeningResult, screen};
 use super::settled;
 use super::softened::{apart, softened};
-use super::stats::{self, Random};
+use super::stats;
+use super::stretches::from_stretches;
 use super::structure::{self, Detectable, IndistinguishablePair};
-use super::windows;
 use crate::drive::sensors::is_signal;
 use crate::effects::Physics;
-use crate::machine::Machine;
-use crate::machine::simulate::{MAX_STEPS, bears_sharp_friction};
-use crate::measurement::segments::{Data, RecordSegment};
-use crate::measurement::{CandidateSpec, FitScope, Measurement};
-use crate::units::within;
+use crate::measurement::segments::Data;
+use crate::measurement::{CandidateSpec, Measurement};
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -141,123 +139,6 @@ const LOST_AFTER: usize = 2;
 /// An effect with a smaller score gain is not examined further: positive evidence after Kass and Raftery 1995, no more.
 /// Held-out data, shams and standard errors are stricter conditions that it must also meet.
 pub const MIN_SCORE_GAIN: f64 = 3.0;
-/// The declared model with its free numbers.
-pub fn declared<'a>(
-    measurement: &Measurement,
-    machine: &Machine,
-    data: &'a Data,
-    context: &'a Context<'a>,
-) -> Problem<'a> {
-    let mut globals = Vec::new();
-    let mut locals = Problem::default_locals(machine, data);
-    for spec in &measurement.fit {
-        let Some(slot) = machine.slot(&spec.path) else { continue };
-        let (value, s) = (machine.values[slot], &machine.slots[slot]);
-        let low = spec.low.unwrap_or(s.low).max(s.low) * s.unit;
-        let high = spec.high.unwrap_or(s.high).min(s.high) * s.unit;
-        let logarithm = value > 0.0 && low >= 0.0;
-        let range = |given: Option<f64>, far: f64, bound: f64| if given.is_none() && logarithm { far } else { bound };
-        let low = range(spec.low, value / SEARCH_FACTOR, low).max(low);
-        let high = range(spec.high, value * SEARCH_FACTOR, high).min(high);
-        let law = Law {
-            scale: if value == 0.0 { scale_of_zero(low, high) } else { value.abs() },
-            logarithm,
-            low: if logarithm { low.max(value * 1e-9) } else { low },
-            high,
-        };
-        // A load of the file may be taken over by an effect, which is then as good a place for it.
-        let is_load = spec.path.starts_with("loads.");
-        let is_open = logarithm && !is_load && spec.low.is_none() && spec.high.is_none();
-        let spread = spec.spread.or(is_open.then_some(DEFAULT_SPREAD));
-        let known_to = |value: f64| spread.map(|spread| (law.scaled(value), spread));
-        let prior = known_to(value);
-        match spec.scope {
-            FitScope::All => globals.push(Global { slot, record: None, law, prior }),
-            FitScope::Record => {
-                let all = 0..data.records.len();
-                let set = |r: usize| data.set[r].iter().find(|(of, _)| *of == slot).map_or(value, |(_, value)| *value);
-                globals.extend(all.map(|r| Global { slot, record: Some(r), law, prior: known_to(set(r)) }));
-            }
-            FitScope::Part => locals.push(super::problem::Local::Slot { slot, law }),
-        }
-    }
-    let mut problem = Problem {
-        machine: machine.clone(),
-        fixed: Vec::new(),
-        folded: false,
-        correction: 0.0,
-        data,
-        channels: data.channels.iter().map(|c| c.sensor).collect(),
-        weights: data.channels.iter().map(|c| c.noise.max(1e-12)).collect(),
-        globals,
-        locals,
-        max_steps: MAX_STEPS,
-        runs: context.runs,
-        ending: context.ending(),
-    };
-    let start = problem.start();
-    if let Some(needed) = steps_needed_at(&problem, &start) {
-        // Ranges from the measurement may be used to their ends.
-        let mut most = FILE_STIFFNESS_FACTOR * needed;
-        for spec in &measurement.fit {
-            let own = (0..problem.globals.len()).filter(|g| machine.slots[problem.globals[*g].slot].path == spec.path);
-            for g in own {
-                let unit = machine.slots[problem.globals[g].slot].unit;
-                for bound in [spec.low, spec.high].into_iter().flatten().filter(|x| x.is_finite() && *x != 0.0) {
-                    let mut at = start.clone();
-                    at.globals[g] = problem.globals[g].law.scaled(bound * unit);
-                    most = steps_needed_at(&problem, &at).map_or(most, |needed| most.max(needed));
-                }
-            }
-        }
-        problem.max_steps = within(most, MAX_STIFFNESS, MAX_STEPS);
-    }
-    problem
-}
-
-/// Standard deviation of the logarithm of a positive number of which the measurement file says neither how well it is known nor where it
-/// lies: a factor of 2, about what an estimate by hand is worth.
-pub(super) const DEFAULT_SPREAD: f64 = std::f64::consts::LN_2;
-
-/// A positive parameter is searched within this factor of the file's value, unless the measurement gives a range.
-/// Without a limit, a poorly determined damping grows until every run takes hundreds of steps a sample.
-const SEARCH_FACTOR: f64 = 1000.0;
-
-/// Scale of a parameter whose value is zero, from its bounds.
-fn scale_of_zero(low: f64, high: f64) -> f64 {
-    let width = (high - low).abs();
-    if width < 1e3 { (0.01 * width).max(1e-9) } else { 1.0 }
-}
-
-/// Fits whose deviances differ by less are equal.
-const DEVIANCE_TOLERANCE: f64 = 1e-3;
-
-/// The baseline fit: started from the drive's own parameters and from values around them, so that it does not miss a
-/// better minimum.
-pub fn baseline<'a>(problem: Problem<'a>, own: &'a Data, context: &Context) -> FittedModel<'a> {
-    let mut start = problem.start();
-    problem.find_start_positions(&mut start, context.threads);
-    problem.reverse_better_starts(&mut start, context.threads);
-    let mut best = fit_model(problem.clone(), &start, own, Vec::new(), context.threads, 60);
-    let mut random = Random::new(7);
-    for _ in 0..problem.machine.effort().restarts {
-        if context.must_end() || problem.globals.is_empty() {
-            break;
-        }
-        let mut other = start.clone();
-        for (x, g) in other.globals.iter_mut().zip(&problem.globals) {
-            let stated = g.prior.filter(|(_, s)| *s != DEFAULT_SPREAD);
-            let d = (random.below(2001) as f64 / 1000.0 - 1.0) * stated.map_or(1.0, |(_, s)| s.min(1.0));
-            *x += d;
-        }
-        let model = fit_model(problem.clone(), &other, own, Vec::new(), context.threads, 40);
-        if model.misfit() < best.misfit() - DEVIANCE_TOLERANCE {
-            best = model;
-        }
-    }
-    best
-}
-
 /// Runs the whole search.
 pub fn search<'a>(
     measurement: &Measurement,
@@ -480,7 +361,7 @@ fn first_models<'a>(
 ) -> (FittedModel<'a>, Vec<FittedModel<'a>>) {
     let starts = inverse::starts(measurement, &problem, context);
     context.report("fitting the declared model");
-    let mut declared = baseline(problem, own, context);
+    let mut declared = declared::fitted(problem, own, context);
     let (sets, numbers): (Vec<_>, Vec<_>) = starts.into_iter().partition(|(.., effects)| !effects.is_empty());
     for (problem, start, effects) in numbers {
         let model = fit_model(problem, &start, own, effects, context.threads, FIT_ITERATIONS);
@@ -562,130 +443,23 @@ fn near_the_file<'a>(declared: &FittedModel<'a>, own: &'a Data, context: &Contex
     Some(FittedModel::new(declared.problem.clone(), found, Vec::new(), own, context.threads))
 }
 
-/// Number of shortest stretches that are joined, per level; the last level is whole records.
-const JOINED_STRETCHES: [usize; 2] = [1, 4];
-/// Hypotheses that are fitted to short stretches, and how many of them are then fitted to whole records.
-const SHORT_FITTED: usize = 6;
-const SHORT_KEPT: usize = 3;
-
-/// Models with one effect that was found in short stretches of the records and then fitted to whole records.
-fn from_stretches<'a>(
-    measurement: &Measurement,
-    declared: &FittedModel<'a>,
-    own: &'a Data,
-    context: &Context<'_>,
-) -> Vec<FittedModel<'a>> {
-    let whole = &declared.problem;
-    let levels: Option<Vec<_>> = JOINED_STRETCHES.iter().map(|together| windows::split(whole, *together)).collect();
-    let Some(levels) = levels else { return Vec::new() };
-    let weights: Vec<f64> = whole.data.channels.iter().map(|c| c.noise.max(1e-12)).collect();
-    let runs = AtomicU64::new(0);
-    let shorter: Vec<Problem> = levels
-        .iter()
-        .map(|(data, _)| Problem { weights: weights.clone(), runs: &runs, ..windows::problem(whole, data) })
-        .collect();
-    let options = FitOptions { iterations: 30, threads: context.threads };
-    let found = fit(&shorter[0], &shorter[0].start(), options);
-    let base = LinearisedBase::new(&shorter[0], &found);
-    let short = FittedModel::new(shorter[0].clone(), found, Vec::new(), own, context.threads);
-    if context.must_end() {
-        return Vec::new();
-    }
-    let ScreenedHypotheses { hypotheses, screenings, .. } = screened(&measurement.candidates, &short, &base, context);
-    let mut order: Vec<usize> = (0..hypotheses.len()).filter(|i| !screenings[*i].columns.is_empty()).collect();
-    order.sort_by(|a, b| screenings[*b].gain.total_cmp(&screenings[*a].gain).then(a.cmp(b)));
-    let mut chosen: Vec<usize> = Vec::new();
-    for i in order {
-        let known = chosen.iter().any(|c| hypotheses[*c].identity() == hypotheses[i].identity());
-        if !known && chosen.len() < SHORT_FITTED {
-            chosen.push(i);
-        }
-    }
-    let mut fits: Vec<(usize, Problem, Fit)> = parallel(chosen.len(), context.threads, |at| {
-        let i = chosen[at];
-        let (problem, start) =
-            candidates::with_hypothesis(&short.problem, &short.fit.point, &hypotheses[i], &screenings[i].fit_start);
-        let found = fit(&problem, &start, FitOptions { threads: 1, ..options });
-        (i, problem, found)
-    });
-    fits.sort_by(|a, b| a.2.cost.total_cmp(&b.2.cost).then(a.0.cmp(&b.0)));
-    fits.truncate(SHORT_KEPT);
-    // FittedNumber of shortest stretches per segment.
-    let per_part = (levels[0].0.segments.len() / whole.data.segments.len().max(1)).max(1) as u64;
-    context.runs.fetch_add(runs.load(Ordering::Relaxed) / per_part, Ordering::Relaxed);
-    let begins: Vec<windows::Begin> = (0..whole.data.segments.len()).map(|k| (k, 0)).collect();
-    parallel(fits.len(), context.threads, |at| {
-        let (i, problem, found) = &fits[at];
-        let (h, fit_start) = (&hypotheses[*i], &screenings[*i].fit_start);
-        // The declared parameters come first, then those of the effect.
-        let mut short = (problem.clone(), found.point.clone(), &levels[0].1);
-        for (problem, (_, own)) in shorter.iter().zip(&levels).skip(1) {
-            let (with, mut start) = candidates::with_hypothesis(problem, &problem.start(), h, fit_start);
-            start.locals = windows::joined((&with, &start, own), (&short.0, &short.1, short.2));
-            start.globals = short.1.globals;
-            let found = fit(&with, &start, FitOptions { threads: 1, ..options }).point;
-            short = (with, found, own);
-        }
-        let (problem, mut start) = candidates::with_hypothesis(whole, &declared.fit.point, h, fit_start);
-        start.locals = windows::joined((&problem, &start, &begins), (&short.0, &short.1, short.2));
-        start.globals = short.1.globals;
-        fit_model(problem, &start, own, vec![h.clone()], 1, 40)
-    })
-}
-
-/// Limits of stiffness in steps per sample. At the first value a spring oscillates faster than the samples resolve, and
-/// a damper settles between two samples. Stiffer models are searched only up to this multiple of the steps that the
-/// file's parameters need.
-pub(super) const MAX_STIFFNESS: f64 = 40.0;
-const FILE_STIFFNESS_FACTOR: f64 = 16.0;
-/// An added effect may need this multiple of the steps of the fitted model.
-const ADDED_STIFFNESS_FACTOR: f64 = 4.0;
-
-/// Steps per sample that a run needs with these parameters, at least one; None: the step does not depend on them.
-pub(super) fn steps_needed_at(problem: &Problem, point: &Point) -> Option<f64> {
-    let of = |(k, s): (usize, &RecordSegment)| {
-        let (values, start) = problem.numbers(k, &point.globals, &point.locals[k]);
-        problem.machine.steps_needed(&values, &s.task, &start)
-    };
-    problem.data.segments.iter().enumerate().filter_map(of).reduce(f64::max).map(|steps| steps.max(1.0))
-}
-
-/// Whether a fit is near the limit of steps per sample.
-pub fn is_at_step_limit(declared: &FittedModel) -> bool {
-    let needed = steps_needed_at(&declared.problem, &declared.fit.point);
-    needed.is_some_and(|steps| steps > 0.9 * declared.problem.max_steps) && !bears_sharp_friction_everywhere(declared)
-}
-
-/// Whether all runs of a model take implicit steps near rest.
-pub(super) fn bears_sharp_friction_everywhere(model: &FittedModel) -> bool {
-    let (problem, at) = (&model.problem, &model.fit.point);
-    problem.data.segments.iter().enumerate().all(|(k, s)| {
-        let (values, _) = problem.numbers(k, &at.globals, &at.locals[k]);
-        bears_sharp_friction(&problem.machine, &values, &s.task)
-    })
-}
-
-/// Added effects may be stiffer than the declared model, but only up to a limit that keeps the search time acceptable.
-pub(super) fn set_step_limit(problem: &mut Problem, fitted: &Point) {
-    let file = problem.start();
-    let needed = [&file, fitted].into_iter().filter_map(|at| steps_needed_at(problem, at)).reduce(f64::max);
-    if let Some(needed) = needed {
-        problem.max_steps = within(ADDED_STIFFNESS_FACTOR * needed, 16.0, problem.max_steps);
-    }
-}
-
 /// Hypotheses for a model, with their screening results.
 #[derive(Clone)]
-struct ScreenedHypotheses {
-    hypotheses: Vec<Hypothesis>,
-    screenings: Vec<ScreeningResult>,
+pub(super) struct ScreenedHypotheses {
+    pub hypotheses: Vec<Hypothesis>,
+    pub screenings: Vec<ScreeningResult>,
     /// Where every segment of the model began [pitches]; none where motions have no period.
     travels: Vec<f64>,
     /// Effects that were left out, and why.
     left_out: Vec<(String, String)>,
 }
 
-fn screened(spec: &CandidateSpec, model: &FittedModel, base: &LinearisedBase, context: &Context) -> ScreenedHypotheses {
+pub(super) fn screened(
+    spec: &CandidateSpec,
+    model: &FittedModel,
+    base: &LinearisedBase,
+    context: &Context,
+) -> ScreenedHypotheses {
     screened_again(spec, model, base, None, context)
 }
 

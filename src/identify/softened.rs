@@ -3,8 +3,9 @@
 //! Friction alone is crossed by implicit steps, however sharp it is at rest. An added body, bristles or a clock that errs need explicit steps,
 //! which sharp friction makes many. They are looked for beside the same model with friction as soft as such steps bear.
 
+use super::declared::{MAX_STIFFNESS, bears_sharp_friction_everywhere, steps_needed_at};
 use super::model::{FIT_ITERATIONS, FittedModel, fit_model};
-use super::search::{Context, MAX_STIFFNESS, bears_sharp_friction_everywhere, steps_needed_at};
+use super::search::Context;
 use crate::effects::{EFFECTS, Effect, Physics};
 use crate::measurement::CandidateSpec;
 use crate::measurement::segments::Data;

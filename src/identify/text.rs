@@ -221,6 +221,21 @@ fn number(n: &FittedNumber) -> String {
 }
 
 fn effects(t: &mut String, r: &IdentificationReport) -> std::fmt::Result {
+    each_effect(t, r)?;
+    for pair in &r.by_direction {
+        let [friction, load] = &pair.effects;
+        writeln!(
+            t,
+            "\n`{friction}` and `{load}` together are as well friction of {} {unit} forwards and {} {unit} backwards: only a body at rest would tell",
+            four_digits(pair.forwards),
+            four_digits(pair.backwards),
+            unit = pair.unit
+        )?;
+    }
+    Ok(())
+}
+
+fn each_effect(t: &mut String, r: &IdentificationReport) -> std::fmt::Result {
     for (i, e) in r.effects.iter().enumerate() {
         let row = crate::effects::named(&e.name);
         writeln!(t, "\neffect {}: {}  {}", i + 1, e.path, row.map_or("", |r| r.title))?;

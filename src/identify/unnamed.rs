@@ -12,7 +12,7 @@ use crate::effects::{
     BodyAt, BodyLaw, Effect, HighestOrder, Kin, Kind, On, Parameter, Part, Physics, Scale, coulomb_friction,
     quadratic_drag, viscous_friction,
 };
-use crate::machine::{Machine, Target};
+use crate::machine::{Body, Machine, Target};
 use crate::measurement::segments::Data;
 use serde::Serialize;
 
@@ -81,6 +81,14 @@ fn bodies(m: &Machine) -> Vec<usize> {
     let of = |(_, target)| if let Target::Body(b) = target { Some(b) } else { None };
     m.targets(effect(0)).into_iter().filter_map(of).collect()
 }
+
+/// Whether a term of the library has a meaning on a body: a wave over the position has none where that is a distance.
+fn is_meant_for(term: usize, body: &Body) -> bool {
+    !(body.slides && WAVES.contains(&LIBRARY[term].0))
+}
+
+/// Terms of the library that are waves over an angle.
+const WAVES: [&str; 4] = ["sin(q)", "cos(q)", "sin(2 q)", "cos(2 q)"];
 
 /// Maximum number of terms of a formula.
 const MAX_TERMS: usize = 3;
@@ -208,8 +216,11 @@ const OWN_FORM: [(&Effect, &str); 3] =
 /// Share of a model's remaining error that a small force of every term on every free body would remove.
 pub fn forces(model: &FittedModel, threads: usize) -> Vec<StateLine> {
     let m = &model.problem.machine;
-    let all: Vec<(usize, usize)> =
-        bodies(m).into_iter().flat_map(|b| (0..LIBRARY.len()).map(move |t| (b, t))).collect();
+    let all: Vec<(usize, usize)> = bodies(m)
+        .into_iter()
+        .flat_map(|b| (0..LIBRARY.len()).map(move |t| (b, t)))
+        .filter(|(b, t)| is_meant_for(*t, &m.bodies[*b]))
+        .collect();
     if all.is_empty() {
         return Vec::new();
     }
@@ -250,7 +261,8 @@ fn one_more<'a>(
     let scale = sizes.force(body);
     let hypothesis = |t: usize| hypothesis(model, body, t, scale);
     let gains = parallel(LIBRARY.len(), context.threads, |t| {
-        if taken.contains(&t) { 0.0 } else { screen(&model.problem, &base, fit, &hypothesis(t)).gain }
+        let is_out = taken.contains(&t) || !is_meant_for(t, &model.problem.machine.bodies[body]);
+        if is_out { 0.0 } else { screen(&model.problem, &base, fit, &hypothesis(t)).gain }
     });
     let term = (0..LIBRARY.len()).max_by(|a, b| gains[*a].total_cmp(&gains[*b]))?;
     if gains[term] < 0.02 {
