@@ -40,7 +40,7 @@ use std::sync::Arc;
 use valves::ValveSpec;
 
 /// Bundled drives: name and text.
-pub const BUNDLED: [(&str, &str); 14] = [
+pub const BUNDLED: [(&str, &str); 15] = [
     ("bush-20-40", include_str!("../assets/drives/bush-20-40.toml")),
     ("silent-20-40", include_str!("../assets/drives/silent-20-40.toml")),
     ("smartchain-20-40", include_str!("../assets/drives/smartchain-20-40.toml")),
@@ -55,6 +55,7 @@ pub const BUNDLED: [(&str, &str); 14] = [
     ("v12", include_str!("../assets/drives/v12.toml")),
     ("roller-20-40", include_str!("../assets/drives/roller-20-40.toml")),
     ("v12-primary-fgm", include_str!("../assets/drives/v12-primary-fgm.toml")),
+    ("bmw318-camshaft", include_str!("../assets/drives/bmw318-camshaft.toml")),
 ];
 
 /// The bundled drives that differ in their chain alone.

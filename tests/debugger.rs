@@ -57,7 +57,7 @@ impl Random {
 }
 
 /// Steps of each bundled drive, limited by test time.
-const STEPS: [u64; BUNDLED.len()] = [4500, 1500, 1200, 1500, 800, 1200, 600, 500, 600, 500, 500, 300, 1500, 500];
+const STEPS: [u64; BUNDLED.len()] = [4500, 1500, 1200, 1500, 800, 1200, 600, 500, 600, 500, 500, 300, 1500, 500, 500];
 
 #[test]
 fn random_windows_run_again_are_the_recording_to_the_bit() {

@@ -249,8 +249,10 @@ fn read_valve(name: String, t: &TomlTable<'_>, carriers: &CamCarriers<'_>) -> Va
             None => t.error(format!("nothing turns the cams of `{name}`"), help),
         }
     }
-    if sprocket.is_some_and(|k| carriers.has_bearing(k)) {
-        let help = "leave out the bearing, or give the torque of the valves as `[loads.orders.NAME]`";
+    let elastic = body.as_deref().and_then(|body| carriers.elastic(body));
+    // Along an elastic shaft cams stand on other bearings than its sprocket.
+    if elastic.is_none() && sprocket.is_some_and(|k| carriers.has_bearing(k)) {
+        let help = "leave out the bearing, let the cams turn with an `[elastic_shafts.NAME]`, or give the torque of the valves as `[loads.orders.NAME]`";
         t.error_at(
             "body",
             "cams stand on axes that do not give way, and this one has a bearing".into(),
@@ -258,7 +260,7 @@ fn read_valve(name: String, t: &TomlTable<'_>, carriers: &CamCarriers<'_>) -> Va
         );
     }
     let phases_rad = t.list("phases_deg", DEG, -3600.0..=3600.0).unwrap_or_else(|| vec![0.0]);
-    let along = read_places(t, body.as_deref().and_then(|body| carriers.elastic(body)), phases_rad.len());
+    let along = read_places(t, elastic, phases_rad.len());
     let roller_m = t.number("roller_radius_mm", MM, 0.1..=1e3);
     let base_m = t.required("base_radius_mm", MM, 0.1..=1e3);
     let law = read_lift(&t.table("lift"));

@@ -8,6 +8,8 @@
 #![warn(clippy::indexing_slicing, clippy::unwrap_used, clippy::expect_used, clippy::cast_possible_truncation)]
 
 mod bind;
+#[doc(hidden)]
+pub mod clocks;
 pub mod columns;
 #[doc(hidden)]
 pub mod contained;
@@ -155,6 +157,8 @@ pub struct RecordSpec {
     pub columns: Vec<(String, String)>,
     /// Operating point: path and value in the unit of its name.
     pub set: Vec<(String, f64)>,
+    /// Other files with channels and inputs of this record.
+    pub beside: Vec<clocks::BesideSpec>,
 }
 
 /// A parameter of the drive that may be fitted.

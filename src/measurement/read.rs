@@ -1,5 +1,6 @@
 //! Reading a measurement file, table by table.
 
+use super::clocks::BesideSpec;
 use super::columns::FileLayout;
 use super::wheels::WheelSpec;
 use super::{
@@ -184,15 +185,13 @@ fn records(
             [only] => only.name.clone(),
             _ => text(&t, "file", "NAME of a [files.NAME]"),
         });
-        if !file.is_empty() && files.iter().all(|f| f.name != file) {
-            let names: Vec<_> = files.iter().map(|f| f.name.clone()).collect();
-            t.error_at("file", format!("no file is called `{file}`"), Some(format!("files: {}", names.join(", "))));
-        }
+        check_file(&t, &file, files);
         let time = t.text("time_column").map(|c| (c, t.text("time_unit").unwrap_or_else(|| "s".into())));
         let columns_table = t.table("columns");
         let known = channels.iter().map(|c| &c.name).chain(inputs.iter().map(|i| &i.name));
         let columns = known.filter_map(|n| columns_table.text(n).map(|c| (n.clone(), c))).collect();
         columns_table.finish();
+        let beside = beside(&t, files, channels, inputs);
         let set_table = t.table("set");
         let set = set_table.numbers();
         set_table.finish();
@@ -215,6 +214,7 @@ fn records(
             at_rest: t.choice("start", &[("free", false), ("rest", true)]).unwrap_or(false),
             columns,
             set,
+            beside,
             name,
         };
         if let Some(to) = record.to_row.filter(|to| *to <= record.from_row) {
@@ -233,6 +233,58 @@ fn records(
     }
     table.finish();
     all
+}
+
+/// `[records.NAME.beside.NAME]`.
+fn beside(
+    record: &TomlTable<'_>,
+    files: &[FileSpec],
+    channels: &[ChannelSpec],
+    inputs: &[InputSpec],
+) -> Vec<BesideSpec> {
+    let known: Vec<&str> =
+        channels.iter().map(|c| c.name.as_str()).chain(inputs.iter().map(|i| i.name.as_str())).collect();
+    let table = record.table("beside");
+    let mut all: Vec<BesideSpec> = Vec::new();
+    for (name, t) in table.tables() {
+        let file = text(&t, "file", "NAME of a [files.NAME]");
+        check_file(&t, &file, files);
+        let holds = t.texts("holds").unwrap_or_default();
+        if holds.is_empty() {
+            let help = format!("`holds` names channels and inputs: {}", known.join(", "));
+            t.error(format!("nothing of file `{file}` is used"), Some(help));
+        }
+        for own in &holds {
+            if !known.contains(&own.as_str()) {
+                let help = nearest(own, known.iter().copied()).map(|near| format!("did you mean \"{near}\"?"));
+                t.error_at("holds", format!("no channel or input is called `{own}`"), help);
+            }
+            if let Some(other) = all.iter().find(|b| b.holds.contains(own)) {
+                t.error_at("holds", format!("`{own}` lies in `{}` already", other.name), None);
+            }
+        }
+        let time = t.text("time_column").map(|c| (c, t.text("time_unit").unwrap_or_else(|| "s".into())));
+        all.push(BesideSpec {
+            file,
+            holds,
+            rate_hz: t.number("rate_hz", 1.0, 1e-6..=1e9),
+            time,
+            offset_s: t.number("offset_ms", 1e-3, -1e12..=1e12).unwrap_or(0.0),
+            drift: t.number("drift_percent", 0.01, -50.0..=50.0).unwrap_or(0.0),
+            name,
+        });
+        t.finish();
+    }
+    table.finish();
+    all
+}
+
+/// Says if no file is called so.
+fn check_file(t: &TomlTable<'_>, file: &str, files: &[FileSpec]) {
+    if !file.is_empty() && files.iter().all(|f| f.name != file) {
+        let names: Vec<_> = files.iter().map(|f| f.name.clone()).collect();
+        t.error_at("file", format!("no file is called `{file}`"), Some(format!("files: {}", names.join(", "))));
+    }
 }
 
 fn fit(root: &TomlTable<'_>) -> Vec<FitSpec> {

@@ -2,6 +2,7 @@
 //! judging samples.
 
 use super::bind::{BoundColumns, bind};
+use super::clocks;
 use super::columns::{ColumnSelection, Columns, Memory, read};
 use super::facts::{self, Clock, Facts};
 use super::pulses::pulse_segments;
@@ -155,7 +156,10 @@ pub fn load(
 /// Names of the columns that records need from a file.
 fn needed_columns(measurement: &Measurement, file: &str) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
-    let records = || measurement.records.iter().filter(|r| r.file == file);
+    let is_beside = |r: &&RecordSpec| r.beside.iter().any(|b| b.file == file);
+    let records = || measurement.records.iter().filter(|r| r.file == file || is_beside(r));
+    let beside = measurement.records.iter().flat_map(|r| &r.beside).filter(|b| b.file == file);
+    names.extend(beside.filter_map(|b| b.time.as_ref().map(|(column, _)| column.clone())));
     names.extend(records().flat_map(|r| r.columns.iter().map(|(_, column)| column.clone())));
     names.extend(records().filter_map(|r| r.time.as_ref().map(|(column, _)| column.clone())));
     names.extend(measurement.channels.iter().map(|c| c.column.clone()));
@@ -189,10 +193,28 @@ fn split_into_segments(
         let said = columns.warnings.iter().chain(&columns.missing);
         data.warnings.extend(said.map(|w| format!("file `{name}`: {w}")));
     }
+    let pulses = data.channels.iter().any(|c| c.relative);
     for (index, record) in measurement.records.iter().enumerate() {
         let Some((_, columns)) = tables.iter().find(|(n, _)| *n == record.file) else { continue };
-        let with_wheels;
         let used = wheels::used(measurement, record);
+        if !record.beside.is_empty() {
+            if pulses || !used.is_empty() {
+                let title = format!("record `{}` of pulses or edges has several files", record.name);
+                let help = "put the columns of pulses and wheels in one file";
+                diags.push(measurement.places.error(
+                    &format!("records.{}.beside", record.name),
+                    title,
+                    Some(help.into()),
+                ));
+                continue;
+            }
+            if let Some(joined) = clocks::joined(measurement, record, tables, &mut diags) {
+                let columns = (&joined.columns, &joined.own[..]);
+                sampled_segment(measurement, machine, (index, &joined.record), columns, &mut data, &mut diags);
+            }
+            continue;
+        }
+        let with_wheels;
         let columns = if used.is_empty() {
             columns
         } else {
@@ -203,11 +225,10 @@ fn split_into_segments(
             with_wheels = edges;
             &with_wheels
         };
-        let pulses = data.channels.iter().any(|c| c.relative);
         if pulses {
             pulse_segments(measurement, machine, (index, record), columns, &mut data, &mut diags);
         } else {
-            sampled_segment(measurement, machine, (index, record), columns, &mut data, &mut diags);
+            sampled_segment(measurement, machine, (index, record), (columns, &[]), &mut data, &mut diags);
         }
     }
     let elsewhere = |s: &RecordSegment| measurement.records.get(s.record).is_some_and(|r| r.usage == Use::Transfer);
@@ -318,7 +339,7 @@ pub(super) fn rows_of(
 }
 
 /// Times of a record from 0, or an error.
-fn times_of(
+pub(super) fn times_of(
     measurement: &Measurement,
     record: &RecordSpec,
     columns: &Columns,
@@ -373,11 +394,12 @@ fn times_of(
     }
 }
 
+/// `own`: the samples of channels that lie in other files.
 fn sampled_segment(
     measurement: &Measurement,
     machine: &Machine,
     (index, record): (usize, &RecordSpec),
-    columns: &Columns,
+    (columns, own): (&Columns, &[(String, Vec<f64>)]),
     data: &mut Data,
     diags: &mut Vec<Diag>,
 ) {
@@ -387,8 +409,11 @@ fn sampled_segment(
     for (c, channel) in measurement.channels.iter().zip(data.channels.clone()) {
         let what = ("channels", c.name.as_str(), c.column.as_str());
         let Some(raw) = column_of(measurement, record, columns, (from, to), what, diags) else { continue };
-        check_values(measurement, record, c, raw, diags);
-        let mut facts = facts::from_values(&record.name, &c.name, &c.unit, raw, c.noise);
+        let of_file = own.iter().find(|(name, _)| *name == c.name).map(|(_, values)| values.as_slice());
+        if of_file.is_none() {
+            check_values(measurement, record, c, raw, diags);
+        }
+        let mut facts = facts::from_values(&record.name, &c.name, &c.unit, of_file.unwrap_or(raw), c.noise);
         if let Some(wheel) = wheels::wheel_of(measurement, record, (&c.name, &c.column)) {
             // Teeth stand on a grid, and not at equal times.
             let points = times.iter().flatten().copied().zip(raw.iter().copied()).filter(|(_, v)| v.is_finite());
@@ -464,7 +489,7 @@ fn sampled_segment(
 }
 
 /// Reports values that no series may have.
-fn check_values(
+pub(super) fn check_values(
     measurement: &Measurement,
     record: &RecordSpec,
     channel: &ChannelSpec,

@@ -35,6 +35,14 @@ pub struct ViewRect {
     pub is_near: bool,
 }
 
+impl ViewRect {
+    /// Half of the width and of the height that is seen in a pane of this ratio of width to height.
+    pub fn half_seen(&self, aspect: f64) -> [f64; 2] {
+        let half_height = 0.5 * self.height.max(self.width / aspect);
+        [aspect * half_height, half_height]
+    }
+}
+
 /// Pictures that share a tab: rows from top to bottom.
 #[derive(Clone, Debug)]
 pub struct PictureTab {
@@ -54,10 +62,20 @@ pub struct FirstView {
     pub sensors: Vec<(String, String)>,
 }
 
+impl PictureTab {
+    /// Approximate ratio of width to height of the panes in a row.
+    fn aspect(&self, row: &[ViewRect]) -> f64 {
+        PICTURES_ASPECT * self.rows.len() as f64 / row.len() as f64
+    }
+}
+
 impl FirstView {
-    /// Pictures in the order of their legends.
-    pub fn pictures(&self) -> impl Iterator<Item = &ViewRect> {
-        self.tabs.iter().flat_map(|tab| tab.rows.iter().flatten())
+    /// Pictures in the order of their legends, each with the ratio of width to height of its pane.
+    pub fn pictures(&self) -> impl Iterator<Item = (&ViewRect, f64)> {
+        let of_tab = |tab: &'_ PictureTab| -> Vec<f64> {
+            tab.rows.iter().flat_map(|row| row.iter().map(|_| tab.aspect(row))).collect()
+        };
+        self.tabs.iter().flat_map(move |tab| tab.rows.iter().flatten().zip(of_tab(tab)))
     }
 }
 
@@ -90,7 +108,7 @@ fn log_layout(layout: &mut ViewerLayout, first: &FirstView) -> Result<()> {
     for tab in &first.tabs {
         let mut rows = Vec::new();
         for row in &tab.rows {
-            let aspect = PICTURES_ASPECT * tab.rows.len() as f64 / row.len() as f64;
+            let aspect = tab.aspect(row);
             let mut cameras = Vec::new();
             for look in row {
                 cameras.push((layout.camera(look, aspect)?, 1.0));
@@ -208,7 +226,7 @@ impl ViewerLayout {
         let labels = format!("{} /contacts/labels", if look.is_near { '+' } else { '-' });
         let shown = ["+ /chain/**", "+ /bodies/**", "+ /joints/**", "+ /contacts/**", &labels, &legend];
         let view = self.view_of("3D", &look.name, "/", &shown)?;
-        let half_height = 0.5 * look.height.max(look.width / aspect);
+        let [_, half_height] = look.half_seen(aspect);
         let distance = half_height / libm::tan(HALF_FIELD_OF_VIEW_RAD);
         let [x, y] = look.centre.map(|v| v as f32);
         let eye = EyeControls3D::new()

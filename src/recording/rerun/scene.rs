@@ -290,16 +290,23 @@ pub fn legend_entity(view: usize) -> String {
     format!("legend/{view}")
 }
 
-/// A legend in the lower left corner of a picture: an arrow of a round force, and the colours of pins and contacts.
-pub fn log_legend(stream: &RecordingStream, view: usize, look: &ViewRect, scale: ForceScale) -> Result<()> {
+/// A legend in the lower left corner of a pane of this ratio of width to height: an arrow of a round force, and the colours of pins and contacts.
+pub fn log_legend(
+    stream: &RecordingStream,
+    view: usize,
+    (look, aspect): (&ViewRect, f64),
+    scale: ForceScale,
+) -> Result<()> {
+    let [half_width, half_height] = look.half_seen(aspect);
+    let height = 2.0 * half_height;
     let at = |column: f64, row: f64| {
-        let x = look.centre[0] - 0.5 * look.width + (LEGEND_EDGE + LEGEND_COLUMN * column) * look.height;
-        let y = look.centre[1] - 0.5 * look.height + (LEGEND_EDGE + LEGEND_ROW * row) * look.height;
+        let x = look.centre[0] - half_width + (LEGEND_EDGE + LEGEND_COLUMN * column) * height;
+        let y = look.centre[1] - half_height + (LEGEND_EDGE + LEGEND_ROW * row) * height;
         [x as f32, y as f32, scale.z_mm]
     };
     let entity = |part: &str| format!("{}/{part}", legend_entity(view));
     let arrow_n = round_force_n(scale.middle_n);
-    let size = |share: f64| (share * look.height) as f32;
+    let size = |share: f64| (share * height) as f32;
     let arrow = Arrows3D::from_vectors([[scale.mm_per_n * arrow_n as f32, 0.0, 0.0]])
         .with_origins([at(1.0, 2.0)])
         .with_radii([size(0.4 * LEGEND_DOT)])
