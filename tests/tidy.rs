@@ -133,6 +133,17 @@ fn links_of_the_documentation_lead_somewhere_and_every_chapter_is_in_the_summary
     assert!(links > 30, "{links} links");
 }
 
+/// Each bundled drive has its row in the chapter of drive files, and its picture.
+#[test]
+fn every_bundled_drive_is_described_and_shown() {
+    let page = |name: &str| std::fs::read_to_string(root().join("docs").join(name)).expect("a page");
+    let (rows, pictures) = (page("drive-file.md"), page("drives.md"));
+    for (name, _) in pitchline::drive::BUNDLED {
+        assert!(rows.contains(&format!("\n| `{name}` | ")), "docs/drive-file.md lacks {name}");
+        assert!(pictures.contains(&format!("(../assets/pictures/drives/{name}.png)")), "docs/drives.md lacks {name}");
+    }
+}
+
 #[test]
 fn modules_use_only_what_stands_above_them() {
     // The order of reading; a module may only use modules before it.

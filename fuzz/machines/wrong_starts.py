@@ -57,7 +57,8 @@ def same(a, b):
 
 def compare(args):
     before, after = results(args.set), results(args.out)
-    both = [name for name in after if name in before]
+    ended = lambda r: r["end"] == "report"  # noqa: E731
+    both = [name for name in after if name in before and ended(before[name]) and ended(after[name])]
     unchanged = [name for name in both if same(before[name], after[name])]
     for name in both:
         if name not in unchanged:

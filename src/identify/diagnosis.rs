@@ -235,9 +235,11 @@ fn channel(
 ) -> ChannelResiduals {
     let m = &problem.machine;
     let all: Vec<Vec<f64>> = parts.iter().map(|p| p.residuals[c].clone()).collect();
+    // Missing samples are zeros.
+    let known: Vec<Vec<f64>> = all.iter().map(|p| p.iter().copied().filter(|r| *r != 0.0).collect()).collect();
     let whole: f64 = all.iter().flatten().map(|r| r * r).sum::<f64>().max(1e-300);
-    let samples: usize = all.iter().map(Vec::len).sum();
-    let effective = stats::effective(&all).max(1.0);
+    let samples: usize = known.iter().map(Vec::len).sum();
+    let effective = stats::effective(&known).max(1.0);
     let significant =
         |share: f64, numbers: usize| share > MIN_SHARE && share > CHANCE_FACTOR * numbers as f64 / effective;
     let (mut orders, mut states, mut by_order) = (Vec::new(), Vec::new(), Vec::new());
@@ -298,8 +300,8 @@ fn channel(
         unit: if channel.relative { "%".into() } else { channel.unit.clone() },
         periodogram: periodogram(&all),
         by_order,
-        white: stats::white(&all),
-        lag1: stats::neighbour_correlation(&all),
+        white: stats::white(&known),
+        lag1: stats::neighbour_correlation(&known),
         above_floor: (1.0 - noise * noise * samples as f64 / whole).max(0.0),
         orders,
         states,

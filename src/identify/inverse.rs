@@ -77,7 +77,8 @@ fn turned_bodies(m: &Machine, data: &Data) -> Vec<TurnedBody> {
 /// Whether of one free body both the motion and a force that acts on it are measured.
 fn is_possible(m: &Machine, data: &Data) -> bool {
     let turned = turned_bodies(m, data);
-    turned.iter().any(|t| forces_on(m, t.body).next().is_some())
+    // Samples that stand beside their rows would have to be smoothed by their own times.
+    data.segments.iter().all(|s| s.behind_s.is_empty()) && turned.iter().any(|t| forces_on(m, t.body).next().is_some())
 }
 
 /// Bodies whose motions are inputs of the machine itself: body, input, and whether it is a speed.

@@ -7,6 +7,7 @@
 #[doc(hidden)]
 pub mod accept;
 mod accept_drifting;
+pub mod by_direction;
 #[doc(hidden)]
 pub mod candidates;
 #[doc(hidden)]
@@ -156,7 +157,15 @@ pub fn identify(
         };
         report.warnings.push(format!("the fit ended where a sample takes {most:.0} steps, and {what}"));
     }
-    // What comes after this changes no name.
+    if report.outcome == IdentificationVerdict::Named && !context.must_end() {
+        let held_out = found.best.own;
+        if let Some((body, term)) = unnamed::one_in_place_of_several(&found.declared, &found.best, held_out, context) {
+            report.doubts.push(format!(
+                "one force of the form {term} on `{body}`, which no effect has, leaves as little as the effects by its speed together"
+            ));
+        }
+    }
+    // What comes after this changes no name for want of time.
     let cut_short = found.cut_short || context.must_end();
     if !context.must_end() {
         context.report("inverse dynamics: the same numbers by another way");
@@ -177,14 +186,6 @@ pub fn identify(
     }
     if !report.explained {
         report.doubts.extend(plausible::doubts(&found.declared, &found.best));
-    }
-    if report.outcome == IdentificationVerdict::Named && !context.must_end() {
-        let held_out = found.best.own;
-        if let Some((body, term)) = unnamed::one_in_place_of_several(&found.declared, &found.best, held_out, context) {
-            report.doubts.push(format!(
-                "one force of the form {term} on `{body}`, which has no name here, leaves as little as the effects by its speed together"
-            ));
-        }
     }
     context.report("analysing the residuals");
     report.diagnosis = diagnosis::diagnose(&found.declared, context.threads);

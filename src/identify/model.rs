@@ -104,7 +104,8 @@ impl<'a> FittedModel<'a> {
         self.problem.data.channels.iter().enumerate().all(|(c, channel)| {
             let (fit, held_out) = residuals.rms(c);
             let rms = if residuals.judge[c].is_empty() { fit } else { held_out };
-            rms <= EXPLAINED * channel.noise && stats::white(&residuals.judge[c]) && stats::white(&residuals.fit[c])
+            let is_white = stats::white(&residuals.judge[c]) && stats::white(&residuals.fit[c]);
+            rms <= NOTHING_LEFT * channel.noise || rms <= EXPLAINED * channel.noise && is_white
         })
     }
 
@@ -125,6 +126,8 @@ impl<'a> FittedModel<'a> {
 
 /// Within this multiple of the floor, and white, the error counts as explained.
 pub const EXPLAINED: f64 = 1.5;
+/// Up to this multiple of the floor nothing is left, whatever its form: records without noise leave the error of the integration.
+pub const NOTHING_LEFT: f64 = 0.1;
 
 /// Up to this multiple of the noise a model counts as near the floor.
 const NEAR_FLOOR: f64 = 1.5;
@@ -397,7 +400,9 @@ pub fn inflation(model: &FittedModel) -> f64 {
     let parts: Vec<Vec<f64>> = model.fit.residuals.iter().filter(|r| !r.is_empty()).cloned().collect();
     let n: usize = parts.iter().map(Vec::len).sum();
     let free = model.problem.globals.len() + model.problem.locals.len() * parts.len();
-    let variance = parts.iter().flatten().map(|r| r * r).sum::<f64>() / n.saturating_sub(free).max(1) as f64;
+    // Missing samples are zeros among the residuals.
+    let known: usize = (0..model.problem.data.segments.len()).map(|k| model.problem.known_samples(k)).sum();
+    let variance = parts.iter().flatten().map(|r| r * r).sum::<f64>() / known.saturating_sub(free).max(1) as f64;
     variance * n as f64 / stats::effective(&parts)
 }
 

@@ -78,7 +78,7 @@ fn is_possible(problem: &Problem) -> bool {
     m.period_pitches().is_none()
         && !hides
         && !errs
-        && data.segments.iter().chain(&data.transfer).all(|s| even(&s.task.samples))
+        && data.segments.iter().chain(&data.transfer).all(|s| even(&s.task.samples) && s.behind_s.is_empty())
         && data.channels.iter().all(|c| corrects(m, c.sensor))
 }
 

@@ -9,6 +9,7 @@ use crate::machine::correction::Observed;
 use crate::machine::fidelity::{RunRequest, UnrepeatedPart};
 use crate::machine::simulate::{InitialState, RunError, Samples};
 use crate::machine::{BodyMotion, Machine, Reads, Sensor, Slot};
+use crate::measurement::clocks::at_own_times;
 use crate::measurement::segments::{Data, RecordSegment};
 use crate::units::within;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -213,7 +214,7 @@ impl<'a> Problem<'a> {
         let sensors: Vec<usize> = self.data.channels.iter().map(|c| c.sensor).collect();
         let noise: Vec<f64> = self.data.channels.iter().map(|c| c.sensor_noise).collect();
         let observed = Observed { share: self.correction, sensors: &sensors, noise: &noise, measured: &s.measured };
-        self.machine.run(&RunRequest {
+        let mut shown = self.machine.run(&RunRequest {
             observed: (self.correction > 0.0).then_some(observed),
             values: &values,
             corners: &self.corners(segment, globals, &values),
@@ -223,7 +224,22 @@ impl<'a> Problem<'a> {
             channels: &self.channels,
             max_steps: self.max_steps,
             runs: self.runs,
-        })
+        })?;
+        // Other sensors than those of the channels are read at the rows.
+        if let Samples::Times { t_s, .. } = &s.task.samples
+            && self.channels == sensors
+        {
+            for (series, behind_s) in shown.iter_mut().zip(&s.behind_s).filter(|(_, behind_s)| !behind_s.is_empty()) {
+                *series = at_own_times(series, t_s, behind_s);
+            }
+        }
+        Ok(shown)
+    }
+
+    /// Samples of a segment's channels that fit and are known.
+    pub fn known_samples(&self, segment: usize) -> usize {
+        let s = &self.data.segments[segment];
+        s.measured.iter().map(|m| m.iter().take(s.judge_from).filter(|v| v.is_finite()).count()).sum()
     }
 
     /// The problem with additional sensors of unit gain, which become its only channels.

@@ -2,12 +2,13 @@
 //! after.
 
 use super::accept::AcceptedResult;
+use super::by_direction::{FrictionByDirection, friction_by_direction};
 use super::declared::DEFAULT_SPREAD;
 use super::diagnosis::Diagnosis;
 use super::drifting::VaryingNumber;
 use super::inverse::InverseDynamics;
 use super::judge::Residuals;
-use super::model::{EXPLAINED, FittedModel, placed_path, standard_error, standard_errors_off};
+use super::model::{EXPLAINED, FittedModel, NOTHING_LEFT, placed_path, standard_error, standard_errors_off};
 use super::predict::Prediction;
 use super::problem::{Point, Problem};
 use super::rivals::Rival;
@@ -17,7 +18,7 @@ use super::structure::{self, Collision, Detectable, IndistinguishablePair};
 use super::unnamed::Unnamed;
 use super::waves::{self, WaveNumber};
 use super::{candidates::Hypothesis, stats};
-use crate::effects::{Effect, Kind, constant_torque, coulomb_friction};
+use crate::effects::{Effect, Kind};
 use crate::measurement::Measurement;
 use crate::measurement::facts::{Clock, Facts};
 use crate::measurement::segments::Data;
@@ -96,43 +97,6 @@ pub struct NamedEffect {
     pub gain: f64,
     /// Largest share that the same effect takes when it is shifted in time.
     pub sham_gain: f64,
-}
-
-/// Coulomb friction and a constant load on one body, read as friction that differs by direction: while the body moves, both are the same.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct FrictionByDirection {
-    /// Paths of the friction and of the load.
-    pub effects: [String; 2],
-    /// Friction against a positive speed.
-    pub forwards: f64,
-    /// Friction against a negative speed.
-    pub backwards: f64,
-    /// Unit of both.
-    pub unit: String,
-}
-
-/// Pairs of accepted effects that are friction by direction as well.
-fn friction_by_direction(effects: &[NamedEffect]) -> Vec<FrictionByDirection> {
-    let place = |e: &NamedEffect| e.path.rsplit('.').next().map(str::to_string);
-    let size = |e: &NamedEffect, unit: &str| {
-        let own = e.parameters.iter().find(|p| p.path.ends_with(unit) && p.record.is_none());
-        own.map(|p| p.value)
-    };
-    let of = |(friction, load): (&NamedEffect, &NamedEffect)| {
-        let (key, unit) =
-            [("torque_nm", "N m"), ("force_n", "N")].into_iter().find(|(key, _)| size(load, key).is_some())?;
-        let (friction_size, load_size) = (size(friction, key)?, size(load, key)?);
-        // A load beyond the friction drives the body.
-        (load_size.abs() < friction_size).then(|| FrictionByDirection {
-            effects: [friction.path.clone(), load.path.clone()],
-            forwards: friction_size + load_size,
-            backwards: friction_size - load_size,
-            unit: unit.into(),
-        })
-    };
-    let named = |name: &'static str| effects.iter().filter(move |e| e.name == name);
-    let pairs = named(coulomb_friction::ROW.name).flat_map(|f| named(constant_torque::ROW.name).map(move |l| (f, l)));
-    pairs.filter(|(f, l)| place(f) == place(l)).filter_map(of).collect()
 }
 
 /// Error of a channel in one record or in all records.
@@ -306,7 +270,7 @@ pub struct IdentificationReport {
     pub interrupted: bool,
     /// The budget ended before the search was complete.
     pub budget_spent: bool,
-    /// FittedNumber of simulations that the search took.
+    /// Number of simulations that the search took.
     pub model_runs: u64,
     /// XXH3 of the held-out samples, and of the drive.
     pub held_out_hash: String,
@@ -467,7 +431,8 @@ fn floors(best: &FittedModel, data: &Data) -> Vec<Floor> {
                 unrepeated: unrepeated[c] * channel.shown,
                 times_floor: rms / floor,
                 white,
-                reached: rms <= EXPLAINED * floor && (white || coloured[c] <= unrepeated[c]),
+                reached: rms <= NOTHING_LEFT * floor
+                    || rms <= EXPLAINED * floor && (white || coloured[c] <= unrepeated[c]),
                 lag1: stats::neighbour_correlation(&best.residuals().fit[c]),
             }
         })
@@ -760,54 +725,4 @@ fn curves(found: &AcceptedResult, data: &Data) -> Vec<Curve> {
         }
     }
     all
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn effect_of(name: &str, body: &str, key: &str, value: f64) -> NamedEffect {
-        let path = format!("effects.{name}.{body}");
-        let number = FittedNumber {
-            path: format!("{path}.{key}"),
-            record: None,
-            value,
-            standard_error: 0.01,
-            nameplate: None,
-            nameplate_z: None,
-            at_bound: false,
-            determined: true,
-            tried: false,
-        };
-        NamedEffect {
-            name: name.into(),
-            family: "friction".into(),
-            path,
-            parameters: vec![number],
-            standard_error: 0.01,
-            rivals: Vec::new(),
-            only_its_law_is_open: true,
-            by_order: Vec::new(),
-            judge_ratio: [0.5; 3],
-            sizes: Vec::new(),
-            judged_by_leaving_out: Vec::new(),
-            score: 0.0,
-            gain: 0.5,
-            sham_gain: 0.0,
-        }
-    }
-
-    #[test]
-    fn friction_and_a_smaller_load_on_one_body_are_friction_by_direction() {
-        let friction = effect_of("coulomb_friction", "disc", "torque_nm", 1.0);
-        let load = |body: &str, value: f64| effect_of("constant_torque", body, "torque_nm", value);
-        let found = friction_by_direction(&[load("disc", 0.25), friction.clone()]);
-        assert_eq!(found.len(), 1);
-        assert_eq!((found[0].forwards, found[0].backwards, found[0].unit.as_str()), (1.25, 0.75, "N m"));
-        assert_eq!(found[0].effects, ["effects.coulomb_friction.disc", "effects.constant_torque.disc"]);
-        assert!(friction_by_direction(&[load("disc", 1.5), friction.clone()]).is_empty(), "it drives the disc");
-        assert!(friction_by_direction(&[load("motor", 0.25), friction]).is_empty(), "on another body");
-        let slide = ["coulomb_friction", "constant_torque"].map(|name| effect_of(name, "carriage", "force_n", 3.0));
-        assert!(friction_by_direction(&slide[..1]).is_empty());
-    }
 }

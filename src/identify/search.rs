@@ -406,7 +406,7 @@ fn is_far(declared: &Problem, file: &Point, at: &Point) -> bool {
     declared.machine.effort().restarts > 0 && far >= FAR_FROM_FILE
 }
 
-/// FittedNumber of best sets that are fitted again from the file's parameters.
+/// Number of best sets that are fitted again from the file's parameters.
 const REFITTED_SETS: usize = 2;
 
 /// Fits a set of effects again from the file's parameters, if it is far from them: the effects that were missing when

@@ -50,6 +50,9 @@ const ENDS_DIFFER: f64 = 3.0;
 
 /// Sizes of the first and the last record, if sizes fall or rise from record to record by more than their errors.
 pub fn course(sizes: &[Size]) -> Option<[f64; 2]> {
+    if sizes.iter().any(|s| !s.relative.is_finite() || s.standard_error.is_nan()) {
+        return None;
+    }
     // Weighted mean of the halves of each record, and its variance.
     let of_record = |own: &[Size]| {
         let weight = |s: &Size| 1.0 / (s.standard_error * s.standard_error).max(1e-12);

@@ -59,7 +59,7 @@ pub(super) fn from_stretches<'a>(
     });
     fits.sort_by(|a, b| a.2.cost.total_cmp(&b.2.cost).then(a.0.cmp(&b.0)));
     fits.truncate(SHORT_KEPT);
-    // FittedNumber of shortest stretches per segment.
+    // Number of shortest stretches per segment.
     let per_part = (levels[0].0.segments.len() / whole.data.segments.len().max(1)).max(1) as u64;
     context.runs.fetch_add(runs.load(Ordering::Relaxed) / per_part, Ordering::Relaxed);
     let begins: Vec<windows::Begin> = (0..whole.data.segments.len()).map(|k| (k, 0)).collect();

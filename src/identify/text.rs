@@ -105,10 +105,11 @@ fn write_all(t: &mut String, r: &IdentificationReport) {
                 "a fit did not converge"
             };
             // A name that stands was found in time.
-            let then = match r.outcome == IdentificationVerdict::Named && r.converged {
-                true => "what is said of the rest and of inverse dynamics may lack something",
-                false => "more effects may exist, and the result is less certain",
-            };
+            let then =
+                match matches!(r.outcome, IdentificationVerdict::Named | IdentificationVerdict::Part) && r.converged {
+                    true => "what is said of the rest and of inverse dynamics may lack something",
+                    false => "more effects may exist, and the result is less certain",
+                };
             writeln!(t, "PARTIAL: {why}; {then}")?;
         }
         errors(t, r)?;

@@ -168,8 +168,8 @@ pub fn in_place_of(model: &FittedModel, which: usize) -> Vec<Hypothesis> {
         .collect()
 }
 
-/// A body on which several effects of the set act by its speed, and one term without a name that leaves as little in place of them all, with
-/// fewer numbers: the set may then be no more than a shape of that law.
+/// A body on which several effects of the set act by its speed, and one term that no effect has as its law and that leaves as little in place of them
+/// all: the set may then be no more than a shape of that law.
 pub fn one_in_place_of_several<'a>(
     declared: &FittedModel<'a>,
     best: &FittedModel<'a>,
@@ -178,15 +178,18 @@ pub fn one_in_place_of_several<'a>(
 ) -> Option<(String, &'static str)> {
     let records = best.problem.data.records.len();
     for body in bodies(&best.problem.machine) {
-        let acts =
-            |which: &usize| best.effects[*which].target == Target::Body(body) && !in_place_of(best, *which).is_empty();
+        let acts = |which: &usize| {
+            best.effects[*which].target == Target::Body(body)
+                && !in_place_of(best, *which).is_empty()
+                && depends_on_speed(best, *which)
+        };
         let (several, kept): (Vec<usize>, Vec<usize>) = (0..best.effects.len()).partition(acts);
         if several.len() < 2 {
             continue;
         }
         let sizes = super::candidates::Sizes::new(&best.problem, &best.fit.point);
         let force = sizes.force(body);
-        let terms: Vec<usize> = (0..LIBRARY.len()).filter(|t| IN_SPEED.contains(&LIBRARY[*t].0)).collect();
+        let terms: Vec<usize> = (0..LIBRARY.len()).filter(|t| NAMELESS.contains(&LIBRARY[*t].0)).collect();
         let models = parallel(terms.len(), context.threads, |i| {
             let h = hypothesis(best, body, terms[i], force);
             let of_one = LIBRARY[terms[i]].1(&[1.0], BodyAt { q: 0.0, v: sizes.speed(body) });
@@ -201,6 +204,17 @@ pub fn one_in_place_of_several<'a>(
         }
     }
     None
+}
+
+/// Terms of the speed that are the law of no effect.
+const NAMELESS: [&str; 1] = ["v^3"];
+
+/// Whether the force of a load differs between two speeds.
+fn depends_on_speed(model: &FittedModel, which: usize) -> bool {
+    let Physics::BodyForce(law) = model.effects[which].effect.physics else { return false };
+    let numbers = vec![1.0; model.effects[which].effect.parameters.len()];
+    let at = |v: f64| law(&numbers, BodyAt { q: 0.0, v });
+    at(1.0) != at(-1.0)
 }
 
 /// Held-out error of one term over that of the effects that it replaces, up to which it leaves as little. Not varied.

@@ -34,6 +34,7 @@ pub fn split(problem: &Problem, together: usize) -> Option<(Data, Vec<Begin>)> {
             let mut part = s.clone();
             let own = |all: &Vec<f64>| all[from..to].to_vec();
             part.measured = s.measured.iter().map(own).collect();
+            part.behind_s = s.behind_s.iter().map(|all| if all.is_empty() { Vec::new() } else { own(all) }).collect();
             part.task.inputs = s.task.inputs.iter().map(own).collect();
             part.task.start_s += t_s[from];
             let t_s = t_s[from..to].iter().map(|t| t - t_s[from]).collect();

@@ -178,6 +178,7 @@ pub(super) fn pulse_segments(
             Use::Fit => n,
         };
         data.segments.push(RecordSegment {
+            behind_s: Vec::new(),
             record: index,
             task: Task {
                 samples: Samples::Pulses {

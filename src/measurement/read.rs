@@ -254,10 +254,20 @@ fn beside(
             let help = format!("`holds` names channels and inputs: {}", known.join(", "));
             t.error(format!("nothing of file `{file}` is used"), Some(help));
         }
-        for own in &holds {
+        for (i, own) in holds.iter().enumerate() {
+            if holds.iter().take(i).any(|other| other == own) {
+                t.error_at("holds", format!("`{own}` is named twice"), None);
+            }
             if !known.contains(&own.as_str()) {
                 let help = nearest(own, known.iter().copied()).map(|near| format!("did you mean \"{near}\"?"));
                 t.error_at("holds", format!("no channel or input is called `{own}`"), help);
+            }
+            if channels.iter().any(|c| c.name == *own) && inputs.iter().any(|i| i.name == *own) {
+                t.error_at(
+                    "holds",
+                    format!("`{own}` is a channel and an input"),
+                    Some("give one of them another name".into()),
+                );
             }
             if let Some(other) = all.iter().find(|b| b.holds.contains(own)) {
                 t.error_at("holds", format!("`{own}` lies in `{}` already", other.name), None);
@@ -269,7 +279,7 @@ fn beside(
             holds,
             rate_hz: t.number("rate_hz", 1.0, 1e-6..=1e9),
             time,
-            offset_s: t.number("offset_ms", 1e-3, -1e12..=1e12).unwrap_or(0.0),
+            offset_s: t.number("offset_ms", 1e-3, -1e13..=1e13).unwrap_or(0.0),
             drift: t.number("drift_percent", 0.01, -50.0..=50.0).unwrap_or(0.0),
             name,
         });

@@ -2,7 +2,7 @@
 //! judging samples.
 
 use super::bind::{BoundColumns, bind};
-use super::clocks;
+use super::clocks::{self, OwnSamples};
 use super::columns::{ColumnSelection, Columns, Memory, read};
 use super::facts::{self, Clock, Facts};
 use super::pulses::pulse_segments;
@@ -24,6 +24,8 @@ pub struct RecordSegment {
     pub task: Task,
     /// One series for every channel, SI (or the sensor's own unit); pulses: ln of intervals. Missing: NaN.
     pub measured: Vec<Vec<f64>>,
+    /// For every channel the time from each row to the sample that stands there [s]; empty: all stand at their rows, of all channels or of this one.
+    pub behind_s: Vec<Vec<f64>>,
     /// Samples before this one fit, the others judge.
     pub judge_from: usize,
     /// An initial estimate of the start state.
@@ -199,8 +201,8 @@ fn split_into_segments(
         let used = wheels::used(measurement, record);
         if !record.beside.is_empty() {
             if pulses || !used.is_empty() {
-                let title = format!("record `{}` of pulses or edges has several files", record.name);
-                let help = "put the columns of pulses and wheels in one file";
+                let title = format!("record `{}` has pulses or edges of wheels, and several files", record.name);
+                let help = "such a record takes its columns from one file: leave `beside` out";
                 diags.push(measurement.places.error(
                     &format!("records.{}.beside", record.name),
                     title,
@@ -235,6 +237,7 @@ fn split_into_segments(
     (data.transfer, data.segments) = std::mem::take(&mut data.segments).into_iter().partition(elsewhere);
     if diags.is_empty() {
         assign_judging_samples(measurement, &mut data, &mut diags);
+        check_parts(measurement, &data, &mut diags);
     }
     if !diags.is_empty() {
         return Err(DataError::File(Box::new(measurement.places.report(diags))));
@@ -394,12 +397,12 @@ pub(super) fn times_of(
     }
 }
 
-/// `own`: the samples of channels that lie in other files.
+/// `own`: channels that lie in other files.
 fn sampled_segment(
     measurement: &Measurement,
     machine: &Machine,
     (index, record): (usize, &RecordSpec),
-    (columns, own): (&Columns, &[(String, Vec<f64>)]),
+    (columns, own): (&Columns, &[OwnSamples]),
     data: &mut Data,
     diags: &mut Vec<Diag>,
 ) {
@@ -409,7 +412,7 @@ fn sampled_segment(
     for (c, channel) in measurement.channels.iter().zip(data.channels.clone()) {
         let what = ("channels", c.name.as_str(), c.column.as_str());
         let Some(raw) = column_of(measurement, record, columns, (from, to), what, diags) else { continue };
-        let of_file = own.iter().find(|(name, _)| *name == c.name).map(|(_, values)| values.as_slice());
+        let of_file = own.iter().find(|o| o.channel == c.name).map(|o| o.values.as_slice());
         if of_file.is_none() {
             check_values(measurement, record, c, raw, diags);
         }
@@ -477,11 +480,17 @@ fn sampled_segment(
         (Use::Fit, Some(row)) => row - 1 - from,
         (Use::Fit, None) => to - from,
     };
+    let behind = |c: &ChannelSpec| {
+        let of_file = own.iter().find(|o| o.channel == c.name);
+        of_file.map_or_else(Vec::new, |o| o.behind_s.clone())
+    };
+    let behind_s = if own.is_empty() { Vec::new() } else { measurement.channels.iter().map(behind).collect() };
     data.clocks.push(clock);
     data.segments.push(RecordSegment {
         record: index,
         task: Task { samples: Samples::Times { t_s, step_s, even }, inputs, hold, start_s: 0.0 },
         measured,
+        behind_s,
         judge_from,
         start,
         at_rest: record.at_rest,
@@ -646,6 +655,28 @@ fn assign_judging_samples(measurement: &Measurement, data: &mut Data, diags: &mu
         let title = format!("{samples} samples fit {} numbers", measurement.fit.len());
         let help = format!("at least {} are needed", wanted.max(SHORTEST));
         diags.push(measurement.places.error("records", title, Some(help)));
+    }
+}
+
+/// Reports channels of other files that the part of a record that fits, or the one that judges, hardly has.
+fn check_parts(measurement: &Measurement, data: &Data, diags: &mut Vec<Diag>) {
+    for s in &data.segments {
+        for (c, (channel, series)) in measurement.channels.iter().zip(&s.measured).enumerate() {
+            if s.behind_s.get(c).is_none_or(Vec::is_empty) {
+                continue;
+            }
+            let (fit, judge) = series.split_at(s.judge_from.min(series.len()));
+            for (part, what) in [(fit, "fits"), (judge, "judges")] {
+                let known = part.iter().filter(|v| v.is_finite()).count();
+                if !part.is_empty() && known < clocks::FEWEST {
+                    let record = data.records.get(s.record).map_or("", String::as_str);
+                    let title =
+                        format!("`{}` has {known} samples in the part of record `{record}` that {what}", channel.name);
+                    let help = format!("at least {} are needed", clocks::FEWEST);
+                    diags.push(measurement.places.error(&format!("records.{record}"), title, Some(help)));
+                }
+            }
+        }
     }
 }
 

@@ -72,7 +72,7 @@ impl PictureTab {
 impl FirstView {
     /// Pictures in the order of their legends, each with the ratio of width to height of its pane.
     pub fn pictures(&self) -> impl Iterator<Item = (&ViewRect, f64)> {
-        let of_tab = |tab: &'_ PictureTab| -> Vec<f64> {
+        let of_tab = |tab: &PictureTab| -> Vec<f64> {
             tab.rows.iter().flat_map(|row| row.iter().map(|_| tab.aspect(row))).collect()
         };
         self.tabs.iter().flat_map(move |tab| tab.rows.iter().flatten().zip(of_tab(tab)))

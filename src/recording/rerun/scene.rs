@@ -280,7 +280,9 @@ fn rgb([r, g, b]: [u8; 3]) -> Color {
 /// Sizes of a legend, as shares of the height of its picture: distances of its rows, columns and edges, and radius of its dots.
 const LEGEND_ROW: f64 = 0.05;
 const LEGEND_COLUMN: f64 = 0.17;
-const LEGEND_EDGE: f64 = 0.1;
+/// Further room beside the first column, whose labels have words.
+const LEGEND_WORDS: f64 = 0.08;
+const LEGEND_EDGE: f64 = 0.13;
 const LEGEND_DOT: f64 = 0.008;
 /// Forces whose colours a legend shows, as multiples of the one in the middle of the scale.
 const LEGEND_FORCES: [f64; 4] = [0.0, 0.3, 1.0, 3.0];
@@ -300,7 +302,8 @@ pub fn log_legend(
     let [half_width, half_height] = look.half_seen(aspect);
     let height = 2.0 * half_height;
     let at = |column: f64, row: f64| {
-        let x = look.centre[0] - half_width + (LEGEND_EDGE + LEGEND_COLUMN * column) * height;
+        let beside_words = if column > 0.0 { LEGEND_WORDS } else { 0.0 };
+        let x = look.centre[0] - half_width + (LEGEND_EDGE + beside_words + LEGEND_COLUMN * column) * height;
         let y = look.centre[1] - half_height + (LEGEND_EDGE + LEGEND_ROW * row) * height;
         [x as f32, y as f32, scale.z_mm]
     };
