@@ -19,6 +19,7 @@ fn one_damaged_tooth_is_named_and_its_size_found() {
     write(folder.path(), &one_chain(bush(), case), case, 5);
     let r = identified(folder.path(), 2).expect("identified");
     let found: Vec<&str> = r.effects.iter().map(|e| e.path.as_str()).collect();
+    // Impacts beside the tooth leave what is not white.
     assert_eq!((r.outcome, found), (IdentificationVerdict::Part, vec![case.path]));
     let size = r.effects[0].parameters.iter().find(|p| p.path.ends_with("outward_um")).expect("its size").value;
     assert!((size - 60.0).abs() < 6.0, "{size}");
