@@ -195,6 +195,54 @@ fn the_ledger_closes_and_schemes_agree() {
     assert!((other / twist - 1.0).abs() < 0.02, "{other} {twist}");
 }
 
+/// Lifters stand on cams of an elastic shaft as on those of a rigid one, also where its sprocket gives way: the joules add up, and a stiff shaft lifts as a rigid one does.
+#[test]
+fn lifters_stand_on_an_elastic_shaft_whose_sprocket_gives_way() {
+    let lifter = "[valves.intake.lifter]\nmass_g = 60\nbore_mm = 11\nvolume_mm3 = 300\nspring_n = 15\nspring_n_per_mm = 1\nin_mm = 1.2\nout_mm = 0.8\n\
+                  supply = \"gallery\"\ndrain = \"sump\"\n[valves.intake.lifter.leak]\ngap_um = 6\nlength_mm = 8\n\
+                  [valves.intake.lifter.ball]\nseat_mm = 2.5\nball_mm = 4\nlift_mm = 0.3\nspring_n = 0.5\n\
+                  [oil]\ndensity_kg_per_m3 = 850\nviscosity_mpa_s = 10\nbulk_modulus_gpa = 1.4\n\
+                  [reservoirs.gallery]\npressure_bar = 3\n[reservoirs.sump]\npressure_bar = 0\n";
+    let bearing = "[bearings.elastic.driven]\nmass_kg = 1\nstiffness_n_per_m = 3e7\ndamping_n_s_per_m = 300\n";
+    let elastic = format!("{CAMSHAFT}{lifter}{bearing}");
+    let rigid =
+        format!("{CAMSHAFT}{lifter}").replace("body = \"rod\"\nalong_mm = [80, 220, 400]\n", "body = \"driven\"\n");
+    let run = |more: &str, sets: &[&str]| {
+        let drive = drive(more, sets);
+        let a = assembled(&drive);
+        let valve = a.model.coordinates.iter().position(|c| c.path == "valves.intake.3").expect("a valve");
+        let (mut state, mut camera, mut scratch) = (a.state.clone(), Camera::default(), Scratch::new(&a.model));
+        let (mut first, mut last, mut put_in, mut most) = (None, 0.0, 0.0, 0.0_f64);
+        let steps = (0.04 / a.model.step_s) as u64;
+        for step in 0..=steps {
+            scheme::evaluate(&a.model, &state, &mut scratch).expect("the run holds");
+            most = most.max(state.coordinates.angle[valve]);
+            if step % (steps / 4) == 0 {
+                let frame = camera.take(&a.model, &state, &scratch);
+                (last, put_in) = (frame.energy.error_j, frame.energy.put_in_j());
+                first.get_or_insert(last);
+                camera.give_back(frame);
+            }
+            scheme::advance(&a.model, &mut state, &mut scratch);
+        }
+        let error: f64 = (last - first.expect("frames")) / put_in;
+        println!("energy error {error:.1e} of {put_in:.1} J, lift {:.4} mm", 1e3 * most);
+        assert!(error.abs() < 1e-4, "{error}");
+        most
+    };
+    run(&elastic, &[]);
+    let stiff = run(
+        &elastic,
+        &[
+            "elastic_shafts.rod.diameter_mm=60",
+            "elastic_shafts.rod.modes=1",
+            "elastic_shafts.rod.added_inertia_kg_m2=0",
+        ],
+    );
+    let rigid = run(&rigid, &["sprockets.driven.inertia_kg_m2=5e-3"]);
+    assert!(stiff > 6e-3 && (stiff / rigid - 1.0).abs() < 0.01, "{stiff} {rigid}");
+}
+
 /// What the shaft holds in a resting drive turns with its sprocket; cams at the root are those of a rigid shaft.
 #[test]
 fn cams_at_the_root_turn_with_the_sprocket() {
