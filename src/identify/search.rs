@@ -123,8 +123,7 @@ impl<'a> SearchResult<'a> {
     pub(super) fn after(mut self, before: SearchResult<'a>) -> SearchResult<'a> {
         let known: Vec<Vec<String>> = self.all.iter().map(FittedModel::identity).collect();
         self.all.extend(before.all.into_iter().filter(|m| !known.contains(&m.identity())));
-        self.effective = best_effective(&self.all);
-        self.all.sort_by(|a, b| score(a, &self.effective).total_cmp(&score(b, &self.effective)));
+        self.effective = sort_by_score(&mut self.all);
         let is_new = |t: &Trial| !self.trials.iter().any(|o| o.identity == t.identity && o.beside == t.beside);
         let earlier: Vec<Trial> = before.trials.into_iter().filter(is_new).collect();
         self.trials.extend(earlier);
@@ -139,6 +138,7 @@ const LOST_AFTER: usize = 2;
 /// An effect with a smaller score gain is not examined further: positive evidence after Kass and Raftery 1995, no more.
 /// Held-out data, shams and standard errors are stricter conditions that it must also meet.
 pub const MIN_SCORE_GAIN: f64 = 3.0;
+
 /// Runs the whole search.
 pub fn search<'a>(
     measurement: &Measurement,
@@ -163,6 +163,83 @@ pub fn search_from<'a>(
     rounds(measurement, declared, sets, own, context, false)
 }
 
+/// What the rounds of a search share.
+struct Rounds<'a, 'c> {
+    measurement: &'c Measurement,
+    declared: &'c FittedModel<'a>,
+    own: &'a Data,
+    context: &'c Context<'c>,
+    /// Screening of the declared model.
+    at_declared: ScreenedHypotheses,
+    /// Numbers of the drive file.
+    file: Point,
+    /// Sets that were fitted: starting near the file's parameters, and far from them.
+    seen: [Vec<Vec<String>>; 2],
+    trials: Vec<Trial>,
+    reasons: Vec<(String, String)>,
+}
+
+impl<'a> Rounds<'a, '_> {
+    /// The sets of a model's effects and one more, fitted. `first`: a screening of this model that is known.
+    fn extended(&mut self, model: &FittedModel<'a>, first: Option<ScreenedHypotheses>) -> Vec<FittedModel<'a>> {
+        let (own, context) = (self.own, self.context);
+        let softer = softened(model, own, context);
+        let (explicit, others) = apart(&self.measurement.candidates);
+        let spec = if softer.is_some() { &others } else { &self.measurement.candidates };
+        let screened_now = first.unwrap_or_else(|| {
+            let base = LinearisedBase::new(&model.problem, &model.fit);
+            screened_again(spec, model, &base, Some(&self.at_declared), context)
+        });
+        let seen = &mut self.seen[usize::from(is_far(&self.declared.problem, &self.file, &model.fit.point))];
+        let mut next =
+            extend_by_one_effect(screened_now, model, own, context, seen, &mut self.trials, &mut self.reasons);
+        if let Some(softer) = softer.filter(|_| !explicit.only.is_empty()) {
+            let base = LinearisedBase::new(&softer.problem, &softer.fit);
+            let screened_now = screened(&explicit, &softer, &base, context);
+            let (trials, reasons) = (&mut self.trials, &mut self.reasons);
+            next.extend(extend_by_one_effect(screened_now, &softer, own, context, seen, trials, reasons));
+        }
+        next
+    }
+
+    /// Sets of one effect from other starts than the fitted declared model: the file's own numbers, and short stretches of the records where
+    /// `next` holds none that is near the noise.
+    fn add_other_starts(&mut self, next: &mut Vec<FittedModel<'a>>) {
+        let (own, context) = (self.own, self.context);
+        if let Some(near) = near_the_file(self.declared, own, context) {
+            context.report("round 1: searching again from the drive's own parameters");
+            let base = LinearisedBase::new(&near.problem, &near.fit);
+            let screened_now = screened(&self.measurement.candidates, &near, &base, context);
+            let (seen, trials, reasons) = (&mut self.seen[0], &mut self.trials, &mut self.reasons);
+            next.extend(extend_by_one_effect(screened_now, &near, own, context, seen, trials, reasons));
+        }
+        if !next.iter().any(FittedModel::is_near_the_floor) && !context.must_end() {
+            context.report("round 1: searching again in short stretches");
+            let found = from_stretches(self.measurement, self.declared, own, context);
+            for m in &found {
+                record_trial(&mut self.trials, m.effects[0].identity(), &[], None, stats::rms(&m.fit_residuals[0]));
+            }
+            next.extend(found);
+        }
+    }
+}
+
+/// The best sets of a round, each once, at most so many.
+fn leading<'a>(mut next: Vec<FittedModel<'a>>, effective: &[f64], most: usize) -> Vec<FittedModel<'a>> {
+    next.sort_by(|a, b| score(a, effective).total_cmp(&score(b, effective)));
+    let mut kept: Vec<Vec<String>> = Vec::new();
+    next.retain(|m| {
+        let id = m.identity();
+        let new = !kept.contains(&id);
+        kept.push(id);
+        new
+    });
+    next.truncate(most);
+    let lead = next.first().map_or(f64::MAX, |m| score(m, effective));
+    next.retain(|m| score(m, effective) <= lead + MAX_SCORE_GAP);
+    next
+}
+
 /// All rounds, or as many as are needed to see that the simulation is lost, where it `may_be_lost`.
 fn rounds<'a>(
     measurement: &Measurement,
@@ -178,12 +255,20 @@ fn rounds<'a>(
     let detectable = structure::detectable(&declared.problem.machine, &base, &first.hypotheses, &first.screenings);
     let alike = structure::indistinguishable_pairs(&first.hypotheses, &first.screenings);
     let hypotheses = first.hypotheses.clone();
-    let at_declared = first.clone();
-    let mut reasons = Vec::new();
-    let mut trials: Vec<Trial> = Vec::new();
+    let mut search = Rounds {
+        measurement,
+        declared: &declared,
+        own,
+        context,
+        at_declared: first.clone(),
+        file: declared.problem.start(),
+        seen: [vec![Vec::new()], vec![Vec::new()]],
+        trials: Vec::new(),
+        reasons: Vec::new(),
+    };
     for m in &prepared {
         let beside: Vec<String> = m.effects[1..].iter().map(Hypothesis::identity).collect();
-        record_trial(&mut trials, m.effects[0].identity(), &beside, None, stats::rms(&m.fit_residuals[0]));
+        record_trial(&mut search.trials, m.effects[0].identity(), &beside, None, stats::rms(&m.fit_residuals[0]));
     }
     // The search goes on from what inverse dynamics has settled. The first screening is that of the declared model.
     let is_settled = !settled.is_empty();
@@ -194,9 +279,6 @@ fn rounds<'a>(
     }
     let mut all: Vec<FittedModel<'a>> = std::iter::once(declared.clone()).chain(settled).collect();
     let first_round = beam[0].effects.len() + 1;
-    // Sets that were fitted: starting near the file's parameters, and far from them.
-    let mut seen: [Vec<Vec<String>>; 2] = [vec![Vec::new()], vec![Vec::new()]];
-    let file = declared.problem.start();
     let (mut cut_short, mut is_lost) = (false, false);
     let effort = declared.problem.machine.effort();
     let mut is_drifting = may_be_lost && is_settled && drift_explains(&all[1..], context);
@@ -205,75 +287,26 @@ fn rounds<'a>(
     let last_round = if ends { 0 } else { effort.effects };
     for round in first_round..=last_round {
         let mut next: Vec<FittedModel<'a>> = Vec::new();
-        for model in &beam {
-            if model.is_exhausted() {
-                continue;
-            }
+        for model in beam.iter().filter(|m| !m.is_exhausted()) {
             if context.must_end() {
                 cut_short = true;
                 break;
             }
             context.report(&format!("round {round}: screening hypotheses"));
-            let softer = softened(model, own, context);
-            let (explicit, others) = apart(&measurement.candidates);
-            let spec = if softer.is_some() { &others } else { &measurement.candidates };
-            let screened_now = first.take().unwrap_or_else(|| {
-                let base = LinearisedBase::new(&model.problem, &model.fit);
-                screened_again(spec, model, &base, Some(&at_declared), context)
-            });
-            let seen = &mut seen[usize::from(is_far(&declared.problem, &file, &model.fit.point))];
-            let grown = extend_by_one_effect(screened_now, model, own, context, seen, &mut trials, &mut reasons);
-            next.extend(grown);
-            if let Some(softer) = softer.filter(|_| !explicit.only.is_empty()) {
-                let base = LinearisedBase::new(&softer.problem, &softer.fit);
-                let screened_now = screened(&explicit, &softer, &base, context);
-                let grown = extend_by_one_effect(screened_now, &softer, own, context, seen, &mut trials, &mut reasons);
-                next.extend(grown);
-            }
+            next.extend(search.extended(model, first.take()));
         }
-        if round == 1
-            && let Some(near) = near_the_file(&declared, own, context)
-        {
-            context.report("round 1: searching again from the drive's own parameters");
-            let screened_now =
-                screened(&measurement.candidates, &near, &LinearisedBase::new(&near.problem, &near.fit), context);
-            next.extend(extend_by_one_effect(
-                screened_now,
-                &near,
-                own,
-                context,
-                &mut seen[0],
-                &mut trials,
-                &mut reasons,
-            ));
-        }
-        if round == 1 && !next.iter().any(FittedModel::is_near_the_floor) && !context.must_end() {
-            context.report("round 1: searching again in short stretches");
-            let found = from_stretches(measurement, &declared, own, context);
-            for m in &found {
-                record_trial(&mut trials, m.effects[0].identity(), &[], None, stats::rms(&m.fit_residuals[0]));
-            }
-            next.extend(found);
+        if round == 1 {
+            search.add_other_starts(&mut next);
         }
         next.extend(prepared.iter().filter(|m| m.effects.len() == round).cloned());
-        next.retain(|m| takes_part(m, &mut trials));
+        next.retain(|m| takes_part(m, &mut search.trials));
         if next.is_empty() {
             break;
         }
         // Effective samples from the model with the smallest error, the same for all.
         all.extend(next.iter().cloned());
         let effective = best_effective(&all);
-        next.sort_by(|a, b| score(a, &effective).total_cmp(&score(b, &effective)));
-        let mut kept: Vec<Vec<String>> = Vec::new();
-        next.retain(|m| {
-            let id = m.identity();
-            let new = !kept.contains(&id);
-            kept.push(id);
-            new
-        });
-        next.truncate(effort.beam[(round - 1).min(effort.beam.len() - 1)]);
-        let lead = next.first().map_or(f64::MAX, |m| score(m, &effective));
-        next.retain(|m| score(m, &effective) <= lead + MAX_SCORE_GAP);
+        let next = leading(next, &effective, effort.beam[(round - 1).min(effort.beam.len() - 1)]);
         let before = beam.iter().map(|m| score(m, &effective)).fold(f64::MAX, f64::min);
         let after = next.first().map_or(f64::MAX, |m| score(m, &effective));
         if after > before - MIN_SCORE_GAIN {
@@ -290,19 +323,15 @@ fn rounds<'a>(
             break;
         }
     }
-    let sorted = |all: &mut Vec<FittedModel<'a>>| {
-        let effective = best_effective(all);
-        all.sort_by(|a, b| score(a, &effective).total_cmp(&score(b, &effective)));
-        effective
-    };
+    let Rounds { trials, reasons, .. } = search;
     // A set may explain what none of its parts does alone, so that the rounds ended before it.
     let known: Vec<Vec<String>> = all.iter().map(FittedModel::identity).collect();
     all.extend(prepared.into_iter().filter(|m| is_inside_the_records(m) && !known.contains(&m.identity())));
-    sorted(&mut all);
+    sort_by_score(&mut all);
     let again: Vec<_> =
         all.iter().take(REFITTED_SETS).filter_map(|m| from_the_file(&declared, m, own, context)).collect();
     all.extend(again);
-    let effective = sorted(&mut all);
+    let effective = sort_by_score(&mut all);
     SearchResult {
         declared,
         all,
@@ -317,6 +346,13 @@ fn rounds<'a>(
         is_drifting,
         cut_short,
     }
+}
+
+/// Puts the best model first; returns the effective samples by which it is.
+fn sort_by_score(all: &mut [FittedModel<'_>]) -> Vec<f64> {
+    let effective = best_effective(all);
+    all.sort_by(|a, b| score(a, &effective).total_cmp(&score(b, &effective)));
+    effective
 }
 
 /// Whether a set takes part in the search: what cannot be named would keep places from what can, since a law whose form lies outside the records takes
