@@ -5,7 +5,7 @@ use pitchline::analysis::audit::spans::spans_of;
 use pitchline::analysis::mounts::{Balance, Mount, mounts};
 use pitchline::analysis::signal::Signal;
 use pitchline::drive::{BUNDLED, Drive};
-use pitchline::recording::frame::{Frame, Header};
+use pitchline::recording::frame::{BodyShift, Frame, Header};
 use pitchline::recording::reader::{Entry, Flow, Reader, WHOLE, Wanted};
 use std::path::Path;
 use std::process::Command;
@@ -82,6 +82,16 @@ fn forces_on_all_mounts_of_every_drive_add_up_to_the_inertia_of_what_moves() {
                 let a = f.sliders.acceleration_m_s2[row];
                 let (sin, cos) = spec.direction_rad.sin_cos();
                 moves(spec.mass_kg, a * cos, a * sin);
+            }
+            // What stands on a bearing is moved by it.
+            let mut ways: Vec<&BodyShift> = header.bodies.iter().flat_map(|b| &b.shifts).collect();
+            ways.dedup_by_key(|way| way.slider);
+            for way in ways {
+                let path = &header.sliders[way.slider as usize];
+                let bearing = drive.bearings.iter().find(|b| path.starts_with(&format!("{}.", b.path)));
+                let a = f.sliders.acceleration_m_s2[way.slider as usize];
+                let mass = bearing.unwrap_or_else(|| panic!("{path}: no bearing")).mass_kg;
+                moves(mass, a * way.direction_x, a * way.direction_y);
             }
             left_n = left_n.max(sum[0].hypot(sum[1]));
         }

@@ -353,10 +353,11 @@ fn imbalance(header: &Header, f: &Frame) -> [f64; 2] {
     for (k, torque_nm) in f.rotors.chain_torque_nm.iter().enumerate() {
         let carried = |i: &usize| header.bodies[c.body[*i] as usize].coordinate == Some(k as u32);
         let own = (0..c.link.len()).filter(carried).map(|i| {
-            let centre = &header.bodies[c.body[i] as usize];
             let (nx, ny, normal, friction) =
                 (c.normal_x[i], c.normal_y[i], c.normal_force_n[i], c.tangential_force_n[i]);
-            let (x, y) = (c.point_link_x_m[i] - centre.x_m, c.point_link_y_m[i] - centre.y_m);
+            // Where its bearing has shifted it to.
+            let (origin, _) = header.bodies[c.body[i] as usize].pose(f);
+            let (x, y) = (c.point_link_x_m[i] - origin[0], c.point_link_y_m[i] - origin[1]);
             y * (normal * nx - friction * ny) - x * (normal * ny + friction * nx)
         });
         let off_nm = (own.sum::<f64>() - torque_nm).abs();

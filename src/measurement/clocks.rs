@@ -271,6 +271,7 @@ pub fn at_own_times(series: &[f64], t_s: &[f64], behind_s: &[f64]) -> Vec<f64> {
 }
 
 #[cfg(test)]
+#[expect(clippy::indexing_slicing, reason = "a test that reads beyond a list shall fail")]
 mod tests {
     use super::*;
 
