@@ -240,7 +240,7 @@ pub struct IdentificationReport {
     pub inverse_dynamics: Option<InverseDynamics>,
     /// Where prediction decided and not simulation: how much is corrected, and what the simulation said. All errors are then those of prediction.
     pub prediction: Option<Prediction>,
-    /// Numbers that differ from record to record, where something is left; the one that explains most first.
+    /// Numbers that differ from record to record, where something is left or a size goes one way with the records; the one that explains most first.
     pub varying: Vec<VaryingNumber>,
     /// What speaks against the accepted effects; each makes a LEAD of what would be NAMED.
     pub doubts: Vec<String>,

@@ -284,7 +284,7 @@ mod tests {
             (0..10).filter(|i| found[*i].is_finite()).map(|i| (i, found[i], behind[i])).collect();
         assert_eq!(known.iter().map(|k| (k.0, k.1)).collect::<Vec<_>>(), [(0, 1.0), (2, 2.0), (6, 4.0), (8, 5.0)]);
         assert!(known.iter().all(|k| (k.2 - 0.3).abs() < 1e-12), "{known:?}");
-        // Of a faster series the nearest of each row counts; it has none beyond its ends.
+        // A series that is faster than the rows gives each row its nearest sample, and gives none to rows beyond its ends.
         let own: Vec<f64> = (0..12).map(|i| 2.1 + 0.4 * f64::from(i)).collect();
         let values: Vec<f64> = own.clone();
         let (found, behind) = nearest_samples(&t, &own, &values);
