@@ -124,6 +124,51 @@ fn a_clock_that_is_not_declared_is_found_as_latency() {
     assert!((delay - 15.0).abs() < 0.5, "{delay}");
 }
 
+/// A clock that is declared 15 ms late, which no latency can be, and one whose drift is not declared: each is found with its size.
+#[test]
+fn what_is_not_declared_of_a_clock_is_found() {
+    let cases = [
+        (0.0, "offset_ms = 72", "latency\", \"clock_offset", "clock_offset.disc.offset_ms", 15.0, 0.5),
+        (0.002, "offset_ms = 87", "latency\", \"clock_drift", "clock_drift.disc.percent", 0.2, 0.02),
+        (-0.004, "offset_ms = 87", "clock_drift", "clock_drift.disc.percent", -0.4, 0.02),
+    ];
+    for (drift, clock, effects, key, size_true, tolerance) in cases {
+        let bench = Bench::new(0.087, drift, 4.0);
+        let only = format!("[\"coulomb_friction\", \"low_pass\", \"{effects}\"]");
+        let r = identified(&bench.measurement(clock, &only), 2, ALL).expect("identified");
+        println!("{}", pitchline::identify::text::text(&r));
+        let mut names = paths(&r);
+        names.sort_unstable();
+        let named = format!("effects.{}.disc", key.split('.').next().expect("a name"));
+        assert_eq!(
+            (r.outcome, names),
+            (IdentificationVerdict::Named, vec![named.as_str(), "effects.coulomb_friction.disc"])
+        );
+        assert!((size(&r, key) - size_true).abs() < tolerance, "{key}: {} instead of {size_true}", size(&r, key));
+        let friction = size(&r, "coulomb_friction.disc.torque_nm");
+        assert!((friction / FRICTION_NM - 1.0).abs() < 0.03, "{friction}");
+    }
+}
+
+/// Where a channel has no clock of its own, none is looked for.
+#[test]
+fn a_clock_of_its_own_takes_a_file_of_its_own() {
+    let bench = Bench::new(0.0, 0.0, 4.0);
+    let path = bench.measurement("", "[\"coulomb_friction\", \"clock_drift\", \"clock_offset\"]");
+    let text = std::fs::read_to_string(&path).expect("the measurement");
+    let joined = text
+        .replace("-servo\"\nuse", "-speed\"\nuse")
+        .replace("\"t_ms\"\ntime_unit = \"ms\"", "\"clock_s\"\ntime_unit = \"s\"");
+    let held = joined.replace(
+        "-speed\"\nholds = [\"speed\"]\ntime_column = \"clock_s\"",
+        "-servo\"\nholds = [\"torque\"]\ntime_column = \"t_ms\"\ntime_unit = \"ms\"",
+    );
+    assert_ne!(held, joined);
+    std::fs::write(&path, held).expect("written");
+    let r = identified(&path, 2, ALL).expect("identified");
+    assert!(r.trials.iter().all(|t| !t.identity.contains("clock_")), "{:?}", r.trials);
+}
+
 /// What is wrong is said at its place in the measurement file.
 #[test]
 fn mistakes_are_told_with_their_place() {

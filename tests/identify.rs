@@ -674,6 +674,38 @@ fn records_that_start_at_rest_have_no_start_to_find() {
     }
 }
 
+/// A fit that stops on its way goes on as if it had not, to the bit.
+#[test]
+fn a_fit_goes_on_where_it_stopped() {
+    use pitchline::identify::fit::{FitOptions, Fitting, fit};
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = rotor_with_friction(folder.path(), 0.4, 0.15);
+    let text = std::fs::read_to_string(&path).expect("text");
+    let machine = std::fs::read_to_string(folder.path().join("rig.toml")).expect("the drive");
+    let machine = Machine::parse("rig.toml", &machine, &[]).expect("a machine");
+    let measurement = Measurement::parse("m.toml", &text).expect("a measurement");
+    let data = load(&measurement, &machine, folder.path(), &mut Memory::for_program(1_000_000_000)).expect("data");
+    let (stop, runs) = (AtomicBool::new(false), AtomicU64::new(0));
+    let quiet = |_: &str, _: u64| {};
+    let started = std::time::Instant::now();
+    let context = Context { threads: 1, budget: ALL, started, stop: &stop, progress: &quiet, runs: &runs };
+    let problem = declared::problem(&measurement, &machine, &data, &context);
+    let options = |iterations: usize| FitOptions { iterations, threads: 1 };
+    let whole = fit(&problem, &problem.start(), options(40));
+    let mut stopped = Fitting::begin(&problem, &problem.start(), 1);
+    let promised: Vec<f64> = [1, 2, 3, 40]
+        .map(|iterations| {
+            stopped.go_on(&problem, options(iterations));
+            stopped.promised_share(&problem)
+        })
+        .to_vec();
+    let stopped = stopped.finish(&problem, options(40));
+    assert_eq!((stopped.point, stopped.cost.to_bits()), (whole.point, whole.cost.to_bits()));
+    assert_eq!((stopped.residuals, stopped.converged), (whole.residuals, true));
+    // At the begin a step promises much, at the end nothing.
+    assert!(promised[0] < 1.0 && promised[3] == 1.0, "{promised:?}");
+}
+
 #[test]
 fn teeth_that_divide_the_links_leave_open_what_they_leave_open() {
     use pitchline::identify::structure::collisions;

@@ -294,7 +294,7 @@ pub struct SignalSpec {
 
 /// Whether an effect is one of signals that drives with links take.
 pub fn is_signal(effect: &Effect) -> bool {
-    matches!(effect.physics, Physics::Signal(_) | Physics::Clock(_))
+    matches!(effect.physics, Physics::Signal(_) | Physics::Clock(_) | Physics::OwnClock(_))
         && matches!(effect.on, On::Sensor | On::AngleSensor)
 }
 

@@ -11,6 +11,8 @@
 pub mod alternate_pitch;
 pub mod backlash;
 pub mod check_leak;
+pub mod clock_drift;
+pub mod clock_offset;
 pub mod constant_torque;
 pub mod coulomb_friction;
 pub mod drift;
@@ -415,6 +417,8 @@ pub enum Physics {
     Marks(MarkLaw),
     /// Time read by the recorder per true time, minus one.
     Clock(fn(&[f64]) -> f64),
+    /// How far ahead a channel with a clock of its own is read, at a time since the record began [s].
+    OwnClock(fn(&[f64], f64) -> f64),
     /// Intervals that contain two pulses; detected when the record is read.
     Intake,
     /// Only for drives with link bodies.
@@ -524,7 +528,7 @@ impl PartialEq for Effect {
 }
 
 /// The catalogue. Effects on sensors are in the order in which a signal passes them.
-pub const EFFECTS: [&Effect; 57] = [
+pub const EFFECTS: [&Effect; 59] = [
     &sprocket_runout::ROW,
     &tooth_pitch_error::ROW,
     &gap_error::ROW,
@@ -582,6 +586,8 @@ pub const EFFECTS: [&Effect; 57] = [
     &drift::ROW,
     &quantisation::ROW,
     &time_base::ROW,
+    &clock_offset::ROW,
+    &clock_drift::ROW,
 ];
 
 /// Declared loads are effects under another name: table of `[loads]`, row of the catalogue.

@@ -358,8 +358,8 @@ pub fn all(
         for (name, target) in m.targets(effect) {
             let path = format!("effects.{}.{name}", effect.name);
             let mut leave = |why: &str| reasons.push((path.clone(), why.to_string()));
-            let channel = match target {
-                Target::Sensor(s) => data.channels.iter().find(|c| c.sensor == s),
+            let channel_at = match target {
+                Target::Sensor(s) => data.channels.iter().position(|c| c.sensor == s),
                 Target::Body(_)
                 | Target::Spring(_)
                 | Target::Input(_)
@@ -367,7 +367,12 @@ pub fn all(
                 | Target::Part(_)
                 | Target::Span(_) => None,
             };
+            let channel = channel_at.and_then(|c| data.channels.get(c));
             if matches!(target, Target::Sensor(_)) && channel.is_none() {
+                continue;
+            }
+            let has_clock = |c: usize| data.segments.iter().any(|s| s.behind_s.get(c).is_some_and(|b| !b.is_empty()));
+            if matches!(effect.physics, Physics::OwnClock(_)) && !channel_at.is_some_and(has_clock) {
                 continue;
             }
             // The effect is declared and its parameter is free: no hypothesis is needed.

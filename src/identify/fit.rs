@@ -74,6 +74,9 @@ pub fn parallel<T: Send>(n: usize, threads: usize, job: impl Fn(usize) -> T + Sy
     done.into_iter().map(|(_, t)| t).collect()
 }
 
+/// Damping of the first step, as a share of the diagonal: little more than none.
+const FIRST_LAMBDA: f64 = 1e-3;
+
 /// Settings of a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FitOptions {
@@ -88,97 +91,170 @@ fn falls(costs: &[f64]) -> bool {
 
 /// Fits all parameters, starting from `start`.
 pub fn fit(problem: &Problem, start: &Point, options: FitOptions) -> Fit {
-    let segments = &problem.data.segments;
-    let parts: Vec<usize> = (0..segments.len()).filter(|k| segments[*k].judge_from > 0).collect();
-    let mut point = start.clone();
-    keep_inside(problem, &mut point);
-    let mut lambda = 1e-3;
-    let mut grow = 2.0;
-    let mut converged = false;
-    let residuals = all_residuals(problem, &point, &parts, options);
-    let mut cost = total(problem, &point, &residuals);
-    let mut jacobian = linearised(problem, &point, &parts, residuals, options);
-    // Number of rank-one updates since the Jacobian was last differenced.
-    let mut updates = 0;
-    let effort = problem.machine.effort();
-    let (converges, most) = (effort.converged_share, options.iterations.min(effort.iterations));
-    let mut taken = 0;
-    let mut costs = vec![cost];
-    while taken < most || (taken < STILL_FALLING * most && falls(&costs)) {
-        if problem.ending.is_due() {
-            break;
+    let mut fitting = Fitting::begin(problem, start, options.threads);
+    fitting.go_on(problem, options);
+    fitting.finish(problem, options)
+}
+
+/// A fit on its way, which may stop after some iterations and go on later as if it had not.
+pub struct Fitting {
+    /// Fitted segments.
+    parts: Vec<usize>,
+    point: Point,
+    cost: f64,
+    jacobian: Vec<SegmentJacobian>,
+    /// Rank-one updates since the Jacobian was last differenced.
+    updates: usize,
+    /// Damping of the next step, and the factor by which a rejected one raises it.
+    lambda: f64,
+    grow: f64,
+    /// Iterations so far, and the costs before them.
+    taken: usize,
+    costs: Vec<f64>,
+    /// Whether it has ended by itself, and whether it has converged then.
+    ended: bool,
+    converged: bool,
+}
+
+impl Fitting {
+    /// The fit before its first step.
+    pub fn begin(problem: &Problem, start: &Point, threads: usize) -> Fitting {
+        let options = FitOptions { iterations: 0, threads };
+        let segments = &problem.data.segments;
+        let parts: Vec<usize> = (0..segments.len()).filter(|k| segments[*k].judge_from > 0).collect();
+        let mut point = start.clone();
+        keep_inside(problem, &mut point);
+        let residuals = all_residuals(problem, &point, &parts, options);
+        let cost = total(problem, &point, &residuals);
+        let jacobian = linearised(problem, &point, &parts, residuals, options);
+        Fitting {
+            parts,
+            point,
+            cost,
+            jacobian,
+            updates: 0,
+            lambda: FIRST_LAMBDA,
+            grow: 2.0,
+            taken: 0,
+            costs: vec![cost],
+            ended: false,
+            converged: false,
         }
-        taken += 1;
-        costs.push(cost);
-        let Some(step) = solve(problem, &point, &parts, &jacobian, lambda) else {
-            lambda *= 10.0;
-            if lambda > 1e12 {
-                break;
+    }
+
+    /// Goes on until it ends by itself or has taken so many iterations in all.
+    pub fn go_on(&mut self, problem: &Problem, options: FitOptions) {
+        let most = options.iterations.min(problem.machine.effort().iterations);
+        while !self.ended && (self.taken < most || (self.taken < STILL_FALLING * most && falls(&self.costs))) {
+            if problem.ending.is_due() {
+                self.ended = true;
+                return;
             }
-            continue;
+            self.step(problem, options);
+        }
+    }
+
+    /// One iteration of Levenberg and Marquardt's method.
+    fn step(&mut self, problem: &Problem, options: FitOptions) {
+        let converges = problem.machine.effort().converged_share;
+        self.taken += 1;
+        self.costs.push(self.cost);
+        let Some(step) = solve(problem, &self.point, &self.parts, &self.jacobian, self.lambda) else {
+            self.lambda *= 10.0;
+            self.ended = self.lambda > 1e12;
+            return;
         };
-        let mut trial = point.clone();
+        let mut trial = self.point.clone();
         for (x, d) in trial.globals.iter_mut().zip(step.globals.iter()) {
             *x += d;
         }
-        for (k, d) in parts.iter().zip(&step.locals) {
+        for (k, d) in self.parts.iter().zip(&step.locals) {
             for (x, d) in trial.locals[*k].iter_mut().zip(d.iter()) {
                 *x += d;
             }
         }
         keep_inside(problem, &mut trial);
-        let residuals = all_residuals(problem, &trial, &parts, options);
+        let residuals = all_residuals(problem, &trial, &self.parts, options);
         let new_cost = total(problem, &trial, &residuals);
-        let gain = (cost - new_cost) / step.predicted.max(1e-300);
-        if new_cost < cost {
-            let small = (cost - new_cost) < converges * cost;
-            let good = updates < MAX_UPDATES && gain > GOOD_GAIN && !small;
+        let gain = (self.cost - new_cost) / step.predicted.max(1e-300);
+        if new_cost < self.cost {
+            let small = (self.cost - new_cost) < converges * self.cost;
+            let good = self.updates < MAX_UPDATES && gain > GOOD_GAIN && !small;
             if good {
-                update(problem, &parts, &mut jacobian, residuals, &point, &trial);
-                updates += 1;
+                update(problem, &self.parts, &mut self.jacobian, residuals, &self.point, &trial);
+                self.updates += 1;
             } else {
-                jacobian = linearised(problem, &trial, &parts, residuals, options);
+                self.jacobian = linearised(problem, &trial, &self.parts, residuals, options);
             }
-            point = trial;
-            cost = new_cost;
+            self.point = trial;
+            self.cost = new_cost;
             let x = 2.0 * gain - 1.0;
-            lambda = (lambda * (1.0 - x * x * x).max(1.0 / 3.0)).max(1e-12);
-            grow = 2.0;
+            self.lambda = (self.lambda * (1.0 - x * x * x).max(1.0 / 3.0)).max(1e-12);
+            self.grow = 2.0;
             if !good {
                 // A small step with an updated Jacobian does not end the fit: a freshly differenced one is tried first.
-                if small && updates == 0 {
-                    converged = true;
-                    break;
+                self.converged = small && self.updates == 0;
+                self.ended = self.converged;
+                if !self.ended {
+                    self.updates = 0;
                 }
-                updates = 0;
             }
-        } else if updates > 0 {
-            let residuals = jacobian.into_iter().map(|p| p.residuals).collect();
-            jacobian = linearised(problem, &point, &parts, residuals, options);
-            updates = 0;
+        } else if self.updates > 0 {
+            self.linearise(problem, options);
             // A step rejected because of an updated Jacobian does not count.
-            taken -= 1;
+            self.taken -= 1;
+        } else if step.predicted < converges * self.cost {
+            (self.ended, self.converged) = (true, true);
         } else {
-            if step.predicted < converges * cost {
-                converged = true;
-                break;
-            }
-            lambda *= grow;
-            grow *= 2.0;
-            if lambda > 1e12 {
-                converged = step.predicted < 1e-3 * cost;
-                break;
+            self.lambda *= self.grow;
+            self.grow *= 2.0;
+            if self.lambda > 1e12 {
+                (self.ended, self.converged) = (true, step.predicted < 1e-3 * self.cost);
             }
         }
     }
-    // Poorly determined parameters may drift on although the cost no longer changes.
-    let stands = |two_ago: &f64| two_ago - cost < STALLED_DECREASE * cost;
-    converged |= taken >= most && taken > 2 && costs.iter().nth_back(1).is_some_and(stands);
-    if updates > 0 && !problem.ending.is_due() {
-        let residuals = jacobian.into_iter().map(|p| p.residuals).collect();
-        jacobian = linearised(problem, &point, &parts, residuals, options);
+
+    /// Differences the Jacobian anew where the fit stands.
+    fn linearise(&mut self, problem: &Problem, options: FitOptions) {
+        let residuals = std::mem::take(&mut self.jacobian).into_iter().map(|p| p.residuals).collect();
+        self.jacobian = linearised(problem, &self.point, &self.parts, residuals, options);
+        self.updates = 0;
     }
-    finish(problem, point, cost, converged, &parts, jacobian)
+
+    /// Share of the cost that the linear model where it stands would leave.
+    pub fn promised_share(&self, problem: &Problem) -> f64 {
+        // A Jacobian that the end of the budget has cut off promises nothing.
+        let is_whole = |(part, k): (&SegmentJacobian, &usize)| {
+            let concerned = (0..problem.globals.len()).filter(|g| problem.concerns(*g, *k)).count();
+            part.columns.len() == concerned + problem.locals.len()
+        };
+        if self.converged || !self.jacobian.iter().zip(&self.parts).all(is_whole) {
+            return 1.0;
+        }
+        let step = solve(problem, &self.point, &self.parts, &self.jacobian, FIRST_LAMBDA);
+        step.map_or(1.0, |step| (1.0 - step.predicted / self.cost.max(1e-300)).max(0.0))
+    }
+
+    /// Residuals of every segment where it stands; none of those that are not fitted.
+    pub fn residuals(&self, problem: &Problem) -> Vec<Vec<f64>> {
+        let mut all = vec![Vec::new(); problem.data.segments.len()];
+        for (k, part) in self.parts.iter().zip(&self.jacobian) {
+            all[*k].clone_from(&part.residuals);
+        }
+        all
+    }
+
+    /// The fit where it stands, after so many iterations at most.
+    pub fn finish(mut self, problem: &Problem, options: FitOptions) -> Fit {
+        let most = options.iterations.min(problem.machine.effort().iterations);
+        // Poorly determined parameters may drift on although the cost no longer changes.
+        let stands = |two_ago: &f64| two_ago - self.cost < STALLED_DECREASE * self.cost;
+        self.converged |= self.taken >= most && self.taken > 2 && self.costs.iter().nth_back(1).is_some_and(stands);
+        if self.updates > 0 && !problem.ending.is_due() {
+            self.linearise(problem, options);
+        }
+        finish(problem, self.point, self.cost, self.converged, &self.parts, self.jacobian)
+    }
 }
 
 /// Clamps all parameters to their bounds.

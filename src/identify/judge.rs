@@ -124,10 +124,10 @@ fn mean_phase(problem: &Problem, found: &Fit, slot: usize) -> Option<f64> {
     (count > 0.0 && libm::hypot(east, north) > 0.5 * count).then(|| libm::atan2(north, east))
 }
 
-/// Unweighted residuals of the fitted data, channel by channel and segment by segment.
-pub fn fitted_residuals(problem: &Problem, found: &Fit) -> Vec<Vec<Vec<f64>>> {
+/// Unweighted residuals of the fitted data, channel by channel and segment by segment, from those of a fit.
+pub fn fitted_residuals(problem: &Problem, residuals: &[Vec<f64>]) -> Vec<Vec<Vec<f64>>> {
     let of = |c: usize| {
-        let fits = problem.data.segments.iter().zip(&found.residuals).filter(|(s, _)| s.judge_from > 0);
+        let fits = problem.data.segments.iter().zip(residuals).filter(|(s, _)| s.judge_from > 0);
         let part = |(s, r): (&RecordSegment, &Vec<f64>)| {
             let known = (0..s.judge_from).filter(|i| s.measured[c][*i].is_finite());
             known.map(|i| r[c * s.judge_from + i] * problem.weights[c]).collect()

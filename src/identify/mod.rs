@@ -33,6 +33,7 @@ pub mod plausible;
 pub mod predict;
 #[doc(hidden)]
 pub mod problem;
+mod race;
 pub mod report;
 mod resolved;
 #[doc(hidden)]

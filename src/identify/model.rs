@@ -35,7 +35,7 @@ impl<'a> FittedModel<'a> {
         own: &'a Data,
         threads: usize,
     ) -> FittedModel<'a> {
-        let left = judge::fitted_residuals(&problem, &fit);
+        let left = judge::fitted_residuals(&problem, &fit.residuals);
         FittedModel { problem, fit, effects, fit_residuals: left, own, threads, judged: OnceLock::new() }
     }
 
@@ -51,13 +51,7 @@ impl<'a> FittedModel<'a> {
 
     /// Number of additional parameters of its effects, including those of every fitted record and segment.
     pub fn freedom(&self) -> usize {
-        let fits: Vec<usize> =
-            self.problem.data.segments.iter().filter(|s| s.judge_from > 0).map(|s| s.record).collect();
-        let (parts, mut records) = (fits.len(), fits);
-        records.sort_unstable();
-        records.dedup();
-        let records = records.len();
-        self.effects.iter().map(|h| h.freedom(records, parts)).sum()
+        freedom(self.problem.data, &self.effects)
     }
 
     /// Root mean square of the coloured (not white) part of the residuals, for every channel.
@@ -122,6 +116,15 @@ impl<'a> FittedModel<'a> {
         id.sort();
         id
     }
+}
+
+/// Number of additional parameters of effects, including those of every fitted record and segment.
+fn freedom(data: &Data, effects: &[Hypothesis]) -> usize {
+    let fits: Vec<usize> = data.segments.iter().filter(|s| s.judge_from > 0).map(|s| s.record).collect();
+    let (parts, mut records) = (fits.len(), fits);
+    records.sort_unstable();
+    records.dedup();
+    effects.iter().map(|h| h.freedom(records.len(), parts)).sum()
 }
 
 /// Within this multiple of the floor, and white, the error counts as explained.
@@ -247,15 +250,27 @@ fn globals_by_row(problem: &Problem, effects: &[Hypothesis]) -> Vec<(&'static Ef
 
 /// Fits, weights the channels by their residuals, and fits again.
 pub fn fit_model<'a>(
-    mut problem: Problem<'a>,
+    problem: Problem<'a>,
     start: &Point,
     own: &'a Data,
     effects: Vec<Hypothesis>,
     threads: usize,
     iterations: usize,
 ) -> FittedModel<'a> {
+    let found = fit(&problem, start, FitOptions { iterations, threads });
+    completed(problem, found, own, effects, threads, iterations)
+}
+
+/// The model of a first fit: weights the channels by its residuals, and fits again.
+pub(super) fn completed<'a>(
+    mut problem: Problem<'a>,
+    mut found: Fit,
+    own: &'a Data,
+    effects: Vec<Hypothesis>,
+    threads: usize,
+    iterations: usize,
+) -> FittedModel<'a> {
     let options = FitOptions { iterations, threads };
-    let mut found = fit(&problem, start, options);
     for _ in 0..MAX_REALIGNMENTS {
         let mut point = found.point.clone();
         if !problem.realign(&mut point, threads) {
@@ -264,7 +279,7 @@ pub fn fit_model<'a>(
         found = fit(&problem, &point, options);
     }
     if problem.channels.len() > 1 {
-        let left = judge::fitted_residuals(&problem, &found);
+        let left = judge::fitted_residuals(&problem, &found.residuals);
         for (c, w) in problem.weights.iter_mut().enumerate() {
             *w = stats::rms(&left[c]).max(problem.data.channels[c].noise).max(1e-12);
         }
@@ -275,8 +290,13 @@ pub fn fit_model<'a>(
 
 /// Score of a model: deviance on the fitted data plus a penalty for each parameter. Smaller is better.
 pub fn score(model: &FittedModel, effective: &[f64]) -> f64 {
+    score_of(&model.fit_residuals, (model.problem.data, &model.effects), effective)
+}
+
+/// Score of what a set of effects leaves of the fitted data.
+pub(super) fn score_of(left: &[Vec<Vec<f64>>], (data, effects): (&Data, &[Hypothesis]), effective: &[f64]) -> f64 {
     let n: f64 = effective.iter().sum();
-    judge::deviance(&model.fit_residuals, effective) + model.freedom() as f64 * libm::log(n.max(2.0))
+    judge::deviance(left, effective) + freedom(data, effects) as f64 * libm::log(n.max(2.0))
 }
 
 /// The model with one more hypothesis, fitted.
@@ -338,6 +358,21 @@ pub fn refitted<'a>(
     threads: usize,
     iterations: usize,
 ) -> FittedModel<'a> {
+    let (problem, start, effects) = begin_again(declared, model, kept, more, threads);
+    fit_model(problem, &start, own, effects, threads, iterations)
+}
+
+/// What a fit begins with.
+pub(super) type Begin<'a> = (Problem<'a>, Point, Vec<Hypothesis>);
+
+/// What the fit of [`refitted`] begins with.
+pub(super) fn begin_again<'a>(
+    declared: &FittedModel<'a>,
+    model: &FittedModel<'a>,
+    kept: &[usize],
+    more: Option<(&Hypothesis, &FitStart)>,
+    threads: usize,
+) -> Begin<'a> {
     let n_declared = declared.problem.globals.len();
     let mut problem = declared.problem.clone();
     problem.weights.clone_from(&model.problem.weights);
@@ -373,7 +408,7 @@ pub fn refitted<'a>(
         effects.push(h.clone());
     }
     problem.reverse_better_starts(&mut point, threads);
-    fit_model(problem, &point, own, effects, threads, iterations)
+    (problem, point, effects)
 }
 
 /// Path of an effect in the machine. Declared effects of the same kind at the same place come first.

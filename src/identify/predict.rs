@@ -103,7 +103,7 @@ fn share(best: &FittedModel, context: &Context) -> Option<f64> {
         // Errors are compared here, not numbers.
         problem.machine.refinement = 1;
         let found = fit(&problem, from, FitOptions { iterations: ITERATIONS, threads: context.threads });
-        (judge::mean_error(&judge::fitted_residuals(&problem, &found)), found.point)
+        (judge::mean_error(&judge::fitted_residuals(&problem, &found.residuals)), found.point)
     };
     let error = |share: f64, from: &Point| fitted(share, from).0;
     let own = &best.fit.point;

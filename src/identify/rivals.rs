@@ -7,11 +7,11 @@
 use super::accept::CLEAR_SCORE_GAP;
 use super::candidates::Hypothesis;
 use super::fit::parallel;
-use super::judge::mean_error;
-use super::model::{FIT_ITERATIONS, FittedModel, fit_model, refitted, score, without_effect};
+use super::model::{FIT_ITERATIONS, FittedModel, begin_again, refitted, score, without_effect};
 use super::plausible::outside_the_records;
+use super::race::fit_against;
 use super::screen::{FitStart, LinearisedBase, screen};
-use super::search::{Context, Trial};
+use super::search::{Context, MAX_SCORE_GAP, Trial};
 use super::stats;
 use super::structure::IndistinguishablePair;
 use crate::effects::Kind;
@@ -72,10 +72,8 @@ fn is_as_unexplained(rival: &FittedModel, best: &FittedModel) -> bool {
 /// Share of the squared noise by which an error above the floor differs by chance.
 const CHANCE: f64 = 0.02;
 
-/// A rival that after so many iterations leaves more than this multiple of the best model's error is given up. Not varied: fits that still
-/// fall take three times as many iterations, and a rival must come within a few percent of the best model.
-const RIVAL_ITERATIONS: usize = 10;
-const HOPELESS: f64 = 3.0;
+/// Where the best model leaves more than noise, a rival that promises to leave more than this multiple of its squared error is given up.
+const UNEXPLAINED_FAR: f64 = 2.0 * AS_UNEXPLAINED;
 
 /// The best model with another hypothesis in place of an effect, fitted; None: it stays far from the best model.
 pub(super) fn rival_of<'a>(
@@ -88,11 +86,8 @@ pub(super) fn rival_of<'a>(
     if !best.problem.machine.effort().is_thorough {
         return Some(refitted(declared, best, rest, Some((h, fit_start)), own, 1, FIT_ITERATIONS));
     }
-    let early = refitted(declared, best, rest, Some((h, fit_start)), own, 1, RIVAL_ITERATIONS);
-    if mean_error(&early.fit_residuals) > HOPELESS * mean_error(&best.fit_residuals) {
-        return None;
-    }
-    Some(fit_model(early.problem.clone(), &early.fit.point, own, early.effects.clone(), 1, FIT_ITERATIONS))
+    let is_behind = |score: f64, share: f64| score > MAX_SCORE_GAP && (share > UNEXPLAINED_FAR || best.is_explained());
+    fit_against(begin_again(declared, best, rest, Some((h, fit_start)), 1), best, is_behind, own)
 }
 
 /// Replaces every effect of the best model by each alternative that was examined, and keeps those that fit as well; and the best model that fits

@@ -15,6 +15,7 @@ use super::model::{FIT_ITERATIONS, FittedModel, fit_model, score, with_shapes_be
 use super::plausible::{is_inside_the_records, outside_the_records};
 use super::predict;
 use super::problem::{FitEnding, Local, Point, Problem};
+use super::race::race;
 use super::screen::{LinearisedBase, ScreeningResult, screen};
 use super::settled;
 use super::softened::{apart, softened};
@@ -132,7 +133,7 @@ impl<'a> SearchResult<'a> {
 }
 
 /// A set whose score is worse than the best by more than this is dropped.
-const MAX_SCORE_GAP: f64 = 60.0;
+pub(super) const MAX_SCORE_GAP: f64 = 60.0;
 /// Rounds after which a search that is still far from the noise is left to a prediction.
 const LOST_AFTER: usize = 2;
 /// An effect with a smaller score gain is not examined further: positive evidence after Kass and Raftery 1995, no more.
@@ -350,7 +351,7 @@ fn rounds<'a>(
 
 /// Puts the best model first; returns the effective samples by which it is.
 fn sort_by_score(all: &mut [FittedModel<'_>]) -> Vec<f64> {
-    let effective = best_effective(all);
+    let effective = best_effective(&*all);
     all.sort_by(|a, b| score(a, &effective).total_cmp(&score(b, &effective)));
     effective
 }
@@ -568,10 +569,10 @@ pub(super) fn grown<'a>(
 }
 
 /// Effective samples of every channel, from the residuals of the model with the smallest error.
-pub(super) fn best_effective(models: &[FittedModel]) -> Vec<f64> {
+pub(super) fn best_effective<'m, 'a: 'm>(models: impl IntoIterator<Item = &'m FittedModel<'a>>) -> Vec<f64> {
     let error = |m: &FittedModel| judge::mean_error(&m.fit_residuals);
     models
-        .iter()
+        .into_iter()
         .min_by(|a, b| error(a).total_cmp(&error(b)))
         .map_or_else(Vec::new, |m| judge::effective(&m.fit_residuals))
 }
@@ -674,13 +675,8 @@ fn extend_by_one_effect<'a>(
             !seen.contains(&id)
         })
         .collect();
-    context.report("fitting hypotheses");
-    let fits = parallel(jobs.len(), context.threads, |job| {
-        if context.must_end() {
-            return None;
-        }
-        let h = &hypotheses[jobs[job]];
-        let p = &screenings[jobs[job]];
+    let begin = |job: usize| {
+        let (h, p) = (&hypotheses[jobs[job]], &screenings[jobs[job]]);
         // Without a screening result the fit starts from the hypothesis' own values.
         let (base, point) = (&model.problem, &model.fit.point);
         let (problem, mut start) = match p.columns.is_empty() {
@@ -690,11 +686,9 @@ fn extend_by_one_effect<'a>(
         if p.columns.is_empty() && is_signal(h.effect) {
             problem.reverse_better_starts(&mut start, 1);
         }
-        let effects = model.effects.iter().cloned().chain([h.clone()]).collect();
-        let model = fit_model(problem, &start, own, effects, 1, 40);
-        context.report("fitting hypotheses");
-        Some(model)
-    });
+        (problem, start, model.effects.iter().cloned().chain([h.clone()]).collect())
+    };
+    let fits = race(jobs.len(), begin, own, context);
     let mut models: Vec<FittedModel<'a>> = Vec::new();
     for (i, m) in jobs.iter().zip(fits) {
         let Some(mut m) = m else {

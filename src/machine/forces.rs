@@ -49,6 +49,8 @@ type LawOfSpeed<'a> = &'a dyn Fn(BodyAt) -> f64;
 
 /// A speed may change within a sample by so many times what its acceleration at the beginning says.
 const MARGIN: f64 = 2.0;
+/// A speed that changes within a sample by less than this share of itself is at one place of all friction curves.
+const HARDLY_CHANGES: f64 = 0.05;
 /// Shares of a decay time and of a wave that one step may cross: Runge-Kutta then errs by 3e-9 and 8e-9.
 const EXACT_DECAY: f64 = 0.05;
 const EXACT_WAVE: f64 = 0.01;
@@ -279,7 +281,10 @@ impl<'a> PreparedMachine<'a> {
             let d = 1e-6 * highest(body).max(1e-9);
             let at = |v: f64| law(BodyAt { q: q[body], v });
             let slope = |v: f64| (at(v + d) - at(v - d)).abs() / (2.0 * d);
-            rate[body] += slope(near).max(slope(v[body])).max(slope(highest(body))) / self.inertia[body];
+            let is_steady = reach(body) < HARDLY_CHANGES * v[body].abs();
+            let here = slope(v[body]);
+            let steepest = if is_steady { here } else { here.max(slope(near)).max(slope(highest(body))) };
+            rate[body] += steepest / self.inertia[body];
         });
         let mut states = 0.0_f64;
         for ((body, law, p), z) in self.with_state.iter().zip(z) {

@@ -198,7 +198,7 @@ impl LinkedDrive {
         let nodes = libm::ceil(last / h) as usize + 3;
         let series = (0..nodes).map(|i| gain * at(i as f64 * h)).collect();
         let turned: Vec<f64> = (0..nodes).map(|i| speed * i as f64 * h).collect();
-        let series = through_sensor(m, values, sensor, series, &turned, h);
+        let series = through_sensor(m, values, sensor, series, &turned, (0.0, h));
         t_s.iter().map(|t| between(&series, t / (1.0 + clock) / h)).collect()
     }
 }

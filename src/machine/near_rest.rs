@@ -128,7 +128,7 @@ impl NearRest {
                 length /= 2;
             }
             let part = length as f64 / whole as f64;
-            rk4(ready, (&mut *q, &mut *v, &mut *z), (now, h * part), work, &mut *at);
+            rk4(ready, (&mut *q, &mut *v, &mut *z), (now, h * part), work, (&mut *at, None));
             done += length;
             length = (2 * length).min(whole);
         }

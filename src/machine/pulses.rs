@@ -41,6 +41,7 @@ pub(super) fn pulses(
             | Physics::Input(_)
             | Physics::Signal(_)
             | Physics::Clock(_)
+            | Physics::OwnClock(_)
             | Physics::Intake
             | Physics::LinksOnly => None,
         })
@@ -79,7 +80,7 @@ pub(super) fn pulses(
     let patience = 4.0 * longest_s.max(interval_s) + 2.0 * h;
     while out.len() < intervals {
         let (qa, va) = (q[body], v[body]);
-        rk4(ready, (&mut q, &mut v, &mut z), (start_s + t, h), &mut work, &mut nothing);
+        rk4(ready, (&mut q, &mut v, &mut z), (start_s + t, h), &mut work, (&mut nothing, None));
         let (qb, vb) = (q[body], v[body]);
         if !(qb.is_finite() && vb.is_finite()) {
             return Err(RunError::Diverged { t_s: t });

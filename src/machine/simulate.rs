@@ -162,23 +162,26 @@ fn steps(ready: &PreparedMachine, step_s: f64, top: &[f64], loads: &[f64]) -> f6
 /// Sets prescribed speeds and input forces at a share of the way (Runge and Kutta's stages: 0, 1/2, 1), for the given coordinates.
 pub(super) type Stage<'a> = &'a mut dyn FnMut(f64, &[f64], &mut [f64], &mut [f64]);
 
+/// Forces of inputs and of all else on every body at the begin of a step, where they are known.
+pub(super) type AtBegin<'a> = Option<[&'a [f64]; 2]>;
+
 /// One step of the classical scheme; `at` gives input forces and prescribed speeds at a stage (0, 1/2, 1).
 pub(super) fn rk4(
     ready: &PreparedMachine,
     moving: (&mut [f64], &mut [f64], &mut [f64]),
     step: (f64, f64),
     work: &mut Rk4Buffers,
-    at: Stage,
+    (at, begin): (Stage, AtBegin),
 ) {
     // Most machines have few bodies: a known number of them takes half of the instructions.
     match moving.0.len() {
-        1 => rk4_of::<1>(ready, moving, step, work, at),
-        2 => rk4_of::<2>(ready, moving, step, work, at),
-        3 => rk4_of::<3>(ready, moving, step, work, at),
+        1 => rk4_of::<1>(ready, moving, step, work, (at, begin)),
+        2 => rk4_of::<2>(ready, moving, step, work, (at, begin)),
+        3 => rk4_of::<3>(ready, moving, step, work, (at, begin)),
         _ => {
             let mut stage = std::mem::take(&mut work.stage);
             let [q, v, dq, dv, input, force] = &mut stage;
-            rk4_body(ready, moving, step, work, [q, v, dq, dv, input, force], at);
+            rk4_body(ready, moving, step, work, [q, v, dq, dv, input, force], (at, begin));
             work.stage = stage;
         }
     }
@@ -189,11 +192,11 @@ fn rk4_of<const N: usize>(
     (q, v, z): (&mut [f64], &mut [f64], &mut [f64]),
     step: (f64, f64),
     work: &mut Rk4Buffers,
-    at: Stage,
+    forces: (Stage, AtBegin),
 ) {
     let (Some(q), Some(v)) = (q.first_chunk_mut::<N>(), v.first_chunk_mut::<N>()) else { return };
     let [mut a, mut b, mut c, mut d, mut e, mut f] = [[0.0; N]; 6];
-    rk4_body(ready, (q, v, z), step, work, [&mut a, &mut b, &mut c, &mut d, &mut e, &mut f], at);
+    rk4_body(ready, (q, v, z), step, work, [&mut a, &mut b, &mut c, &mut d, &mut e, &mut f], forces);
 }
 
 /// `stage`: places, speeds, sums of their derivatives, input forces and forces.
@@ -204,7 +207,7 @@ fn rk4_body(
     (t_s, h): (f64, f64),
     work: &mut Rk4Buffers,
     stage: [&mut [f64]; 6],
-    at: Stage,
+    (at, begin): (Stage, AtBegin),
 ) {
     let n = q.len();
     let [qs, vs, dq, dv, input, force] = stage;
@@ -214,10 +217,18 @@ fn rk4_body(
     dq.fill(0.0);
     dv.fill(0.0);
     for (stage, (from, weight)) in [(0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)].into_iter().enumerate() {
-        input.fill(0.0);
-        at(from, qs, vs, input);
-        ready.states_after(z, |b| qs[b] - q[b], &mut work.z);
-        ready.forces_into((qs, vs, &work.z), t_s + from * h, force, &mut work.springs);
+        match begin.filter(|_| stage == 0) {
+            Some([inputs, others]) => {
+                input.copy_from_slice(inputs);
+                force.copy_from_slice(others);
+            }
+            None => {
+                input.fill(0.0);
+                at(from, qs, vs, input);
+                ready.states_after(z, |b| qs[b] - q[b], &mut work.z);
+                ready.forces_into((qs, vs, &work.z), t_s + from * h, force, &mut work.springs);
+            }
+        }
         if stage == 0 {
             for i in 0..n {
                 work.at_node[i] = force[i] + input[i];
@@ -337,6 +348,8 @@ struct NodeReadings<'a> {
     /// Number of nodes that `traces` has for each sample, and the time between two nodes [s].
     parts: usize,
     h: f64,
+    /// Time since the record began, at the first sample [s].
+    start_s: f64,
 }
 
 impl NodeReadings<'_> {
@@ -352,7 +365,10 @@ impl NodeReadings<'_> {
         let clock = if sensed { clock(m, ready.values) } else { 0.0 };
         let of = |(c, channel): (usize, &usize)| {
             let trace = match sensed {
-                true => through_sensor(m, ready.values, *channel, self.traces[c].clone(), &self.angles[c], self.h),
+                true => {
+                    let (trace, times) = (self.traces[c].clone(), (self.start_s, self.h));
+                    through_sensor(m, ready.values, *channel, trace, &self.angles[c], times)
+                }
                 false => self.traces[c].clone(),
             };
             if even && clock == 0.0 {
@@ -484,7 +500,9 @@ fn sampled<'a>(
             }
         } else {
             share.set((0.0, 1.0 / steps_here as f64));
-            rk4(ready, (&mut q, &mut v, &mut z), (t, h / steps_here as f64), &mut work, &mut at);
+            let begin = near_rest.is_some().then_some([input_now.as_slice(), force_now.as_slice()]);
+            let begin = begin.filter(|_| step < n_steps);
+            rk4(ready, (&mut q, &mut v, &mut z), (t, h / steps_here as f64), &mut work, (&mut at, begin));
         }
         // Sensors show the state before its correction.
         let moved = |b: usize| {
@@ -522,7 +540,7 @@ fn sampled<'a>(
         for i in 1..steps_here {
             let length = 1.0 / steps_here as f64;
             share.set((i as f64 * length, length));
-            rk4(ready, (&mut q, &mut v, &mut z), (t + i as f64 * h * length, h * length), &mut work, &mut at);
+            rk4(ready, (&mut q, &mut v, &mut z), (t + i as f64 * h * length, h * length), &mut work, (&mut at, None));
         }
         if let Some(near_rest) = near_rest.as_mut().filter(|_| steps_here == 0) {
             let state = (q.as_mut_slice(), v.as_mut_slice(), z.as_mut_slice());
@@ -548,7 +566,7 @@ fn sampled<'a>(
             }
         }
     }
-    Ok(NodeReadings { channels, traces, angles, parts, h })
+    Ok(NodeReadings { channels, traces, angles, parts, h, start_s: task.start_s })
 }
 
 /// Relative error of the recorder's clock.
@@ -562,14 +580,14 @@ pub fn clock(m: &Machine, values: &[f64]) -> f64 {
     clock
 }
 
-/// The signal after all effects of its sensor.
+/// The signal after all effects of its sensor. The times are those of its first value, since the record began, and between two values [s].
 pub fn through_sensor(
     m: &Machine,
     numbers: &[f64],
     sensor: usize,
     mut values: Vec<f64>,
     angles: &[f64],
-    h: f64,
+    (start_s, h): (f64, f64),
 ) -> Vec<f64> {
     let derivative = match m.sensors[sensor].reads {
         Reads::Angle(_) => 0,
@@ -584,6 +602,11 @@ pub fn through_sensor(
         if let Physics::Signal(law) = p.effect.physics {
             let numbers: Vec<f64> = p.slots.iter().map(|s| numbers[*s]).collect();
             law(&numbers, &mut Trace { step_s: h, values: &mut values, angles, derivative });
+        }
+        if let Physics::OwnClock(law) = p.effect.physics {
+            let numbers: Vec<f64> = p.slots.iter().map(|s| numbers[*s]).collect();
+            let at = |i: usize| i as f64 + law(&numbers, start_s + i as f64 * h) / h;
+            values = (0..values.len()).map(|i| read_at(&values, at(i))).collect();
         }
     }
     values
@@ -641,6 +664,15 @@ fn derivative(series: &[f64], h: f64) -> Vec<f64> {
             if a == b { 0.0 } else { (series[b] - series[a]) / ((b - a) as f64 * h) }
         })
         .collect()
+}
+
+/// A series between its values, and beyond its last one on the straight line through the last two.
+fn read_at(series: &[f64], at: f64) -> f64 {
+    let beyond = at - series.len().saturating_sub(1) as f64;
+    match series {
+        [.., before, last] if beyond > 0.0 => last + (last - before) * beyond,
+        _ => between(series, at),
+    }
 }
 
 /// Interpolates the series between its values: cubic through four of them.
