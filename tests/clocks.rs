@@ -28,6 +28,7 @@ impl Bench {
         };
         for name in ["a", "b", "c"] {
             let (mut servo, mut instrument) = (String::from("t_ms,torque\n"), String::from("clock_s,speed\n"));
+            let mut both = String::from("t_ms,torque,speed\n");
             let (mut v, mut torque, mut next_s) = (0.0_f64, 0.0, 0.0013);
             let fine_s = 2e-5;
             for step in 0..120_000 {
@@ -37,6 +38,7 @@ impl Bench {
                         torque = 4.0 * (random() - 0.5);
                     }
                     servo += &format!("{},{torque}\n", step / 50);
+                    both += &format!("{},{torque},{v:.2}\n", step / 50);
                 }
                 if t >= next_s {
                     let gauss = (0..12).map(|_| random()).sum::<f64>() - 6.0;
@@ -48,6 +50,7 @@ impl Bench {
                 v = if free.abs() <= stop { 0.0 } else { free - stop * free.signum() };
             }
             bench.write(&format!("{name}-servo.csv"), &servo);
+            bench.write(&format!("{name}-both.csv"), &both);
             bench.write(&format!("{name}-speed.csv"), &instrument);
         }
         bench.write(
@@ -110,7 +113,7 @@ fn a_channel_in_another_file_counts_by_its_own_clock() {
     }
 }
 
-/// A clock that is declared 15 ms early shows as the latency of what it stamps.
+/// An `offset_ms` that is 15 ms too large shows as the latency of what it stamps.
 #[test]
 fn a_clock_that_is_not_declared_is_found_as_latency() {
     let bench = Bench::new(0.087, 0.0, 4.0);
@@ -124,7 +127,7 @@ fn a_clock_that_is_not_declared_is_found_as_latency() {
     assert!((delay - 15.0).abs() < 0.5, "{delay}");
 }
 
-/// A clock that is declared 15 ms late, which no latency can be, and one whose drift is not declared: each is found with its size.
+/// An `offset_ms` that is 15 ms too small, which no latency can be, and a drift that is not declared: each is found with its size.
 #[test]
 fn what_is_not_declared_of_a_clock_is_found() {
     let cases = [
@@ -148,6 +151,24 @@ fn what_is_not_declared_of_a_clock_is_found() {
         let friction = size(&r, "coulomb_friction.disc.torque_nm");
         assert!((friction / FRICTION_NM - 1.0).abs() < 0.03, "{friction}");
     }
+}
+
+/// A clock belongs to the records that have a file of their own: another record, in one file, stays as it is.
+#[test]
+fn a_clock_of_one_record_moves_no_other() {
+    let bench = Bench::new(0.087, 0.0, 4.0);
+    let path = bench.measurement("offset_ms = 72", "[\"coulomb_friction\", \"clock_offset\", \"low_pass\"]");
+    let text = std::fs::read_to_string(&path).expect("the measurement");
+    let from = text.find("[records.b.beside").expect("a file beside record b");
+    let to = text.find("[files.c-servo]").expect("what follows");
+    let text = (text[..from].to_owned() + &text[to..]).replace("b-servo.csv", "b-both.csv");
+    std::fs::write(&path, text).expect("written");
+    let r = identified(&path, 2, ALL).expect("identified");
+    println!("{}", pitchline::identify::text::text(&r));
+    let offset = size(&r, "clock_offset.disc.offset_ms");
+    assert!((offset - 15.0).abs() < 0.5, "{offset}");
+    let friction = size(&r, "coulomb_friction.disc.torque_nm");
+    assert!((friction / FRICTION_NM - 1.0).abs() < 0.03, "{friction}");
 }
 
 /// Where a channel has no clock of its own, none is looked for.

@@ -4,10 +4,10 @@ use super::{Effect, HighestOrder, Kin, Kind, Look, On, Parameter, Part, Physics,
 
 pub const ROW: Effect = Effect {
     name: "clock_drift",
-    title: "Drift of the clock of a channel's own file",
+    title: "Error of the declared drift of a file's clock",
     part: Part::Sensor,
     on: On::Sensor,
-    equation: "y(t) -> y(t + e t), t from the begin of the record: e is what `drift_percent` lacks",
+    equation: "y(t) -> y(t + e t), t since the record began, e: the true drift minus `drift_percent`",
     source: "Quartz: 10 to 100 ppm; loops of programs: percents",
     order: "all orders shifted by the same ratio",
     speed_law: "none",

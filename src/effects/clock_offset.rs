@@ -4,10 +4,10 @@ use super::{Effect, HighestOrder, Kin, Kind, Look, On, Parameter, Part, Physics,
 
 pub const ROW: Effect = Effect {
     name: "clock_offset",
-    title: "Offset of the clock of a channel's own file",
+    title: "Error of the declared offset of a file's clock",
     part: Part::Sensor,
     on: On::Sensor,
-    equation: "y(t) -> y(t + o): o is what `offset_ms` lacks",
+    equation: "y(t) -> y(t + o), o: the true offset minus `offset_ms`",
     source: "Two recorders that were started by hand",
     order: "phase in proportion to frequency",
     speed_law: "none",

@@ -354,6 +354,8 @@ pub struct Trace<'a> {
     pub derivative: u8,
 }
 
+/// How far ahead a channel with a clock of its own is read, at a time since the record began [s].
+pub type OwnClockLaw = fn(&[f64], f64) -> f64;
 /// Force on a body [N, N m] from the effect's parameters.
 pub type BodyLaw = fn(&[f64], BodyAt) -> f64;
 /// The same, with the time since the record began [s].
@@ -417,8 +419,7 @@ pub enum Physics {
     Marks(MarkLaw),
     /// Time read by the recorder per true time, minus one.
     Clock(fn(&[f64]) -> f64),
-    /// How far ahead a channel with a clock of its own is read, at a time since the record began [s].
-    OwnClock(fn(&[f64], f64) -> f64),
+    OwnClock(OwnClockLaw),
     /// Intervals that contain two pulses; detected when the record is read.
     Intake,
     /// Only for drives with link bodies.

@@ -11,7 +11,8 @@ use super::crossed::{HeldOutComparison, compare_held_out};
 use super::fit::parallel;
 use super::judge::{Residuals, deviance, effective as effective_samples, mean_error};
 use super::model::{
-    FIT_ITERATIONS, FittedModel, fitted_values, globals_of, refitted, score, standard_error, without_effect,
+    FIT_ITERATIONS, FittedModel, fitted_values, globals_of, promised_score, refitted, score, standard_error,
+    without_effect,
 };
 use super::plausible::outside_the_records;
 use super::problem::Problem;
@@ -24,6 +25,7 @@ use super::structure::{Detectable, IndistinguishablePair};
 use super::unnamed;
 use crate::drive::sensors::is_signal;
 use crate::measurement::segments::Data;
+use std::borrow::Cow;
 
 /// Result of the acceptance.
 pub struct AcceptedResult<'a> {
@@ -96,22 +98,28 @@ fn smallest_confirmed_set<'a>(
     own: &'a Data,
     threads: usize,
 ) -> FittedModel<'a> {
-    let mut best = declared;
-    for size in 1..=best.problem.machine.effort().effects {
+    let mut best = Cow::Borrowed(declared);
+    for size in 1..=declared.problem.machine.effort().effects {
         if best.is_exhausted() {
             break;
         }
         // In the order of their scores.
         let looked_at = |m: &&FittedModel| m.effects.len() == size && !refused.contains(&m.identity());
-        let next = all.iter().filter(looked_at).find(|m| {
+        let next = all.iter().filter(looked_at).find_map(|m| {
+            if score(&best, effective) - promised_score(m, effective) < MIN_SCORE_GAIN {
+                return None;
+            }
+            let m = m.finished();
             let is_new = |e: &usize| best.effects.iter().all(|o| o.identity() != m.effects[*e].identity());
             let new: Vec<usize> = (0..m.effects.len()).filter(is_new).collect();
-            let gain = score(best, effective) - score(m, effective);
-            is_better(m, best, &new, gain, own, threads) && all_effects_improve(m, all, effective, own, threads)
+            let gain = score(&best, effective) - score(&m, effective);
+            let is_next =
+                is_better(&m, &best, &new, gain, own, threads) && all_effects_improve(&m, all, effective, own, threads);
+            is_next.then(|| m.into_owned())
         });
-        best = next.unwrap_or(best);
+        best = next.map_or(best, Cow::Owned);
     }
-    best.clone()
+    best.into_owned()
 }
 
 /// Whether the held-out data confirm that a set is better than the same set without some effects, whose score is worse
@@ -217,8 +225,9 @@ fn all_effects_improve(
         let id = model.effects[e].identity();
         rest.retain(|other| *other != id);
         let Some(less) = all.iter().find(|m| m.identity() == rest) else { return true };
-        let gain = score(less, effective) - score(model, effective);
-        is_better(model, less, &[e], gain, own, threads)
+        let less = less.finished();
+        let gain = score(&less, effective) - score(model, effective);
+        is_better(model, &less, &[e], gain, own, threads)
     })
 }
 
@@ -585,6 +594,9 @@ fn record_outcomes(best: &FittedModel, all: &[FittedModel], effective: &[f64], t
         }
         t.score = Some(score(m, effective) - best_score);
         t.rms_judge = m.known_judge_error();
+        if t.why.is_empty() && m.given_up.is_some() {
+            t.why = "given up: its fit promised to stay far behind others".into();
+        }
         if t.why.is_empty() {
             let times = mean_error(&m.fit_residuals) / mean_error(&best.fit_residuals);
             t.why = if accepted.contains(&t.identity) {

@@ -373,6 +373,14 @@ pub fn all(
             }
             let has_clock = |c: usize| data.segments.iter().any(|s| s.behind_s.get(c).is_some_and(|b| !b.is_empty()));
             if matches!(effect.physics, Physics::OwnClock(_)) && !channel_at.is_some_and(has_clock) {
+                if !spec.only.is_empty() {
+                    leave("its channel has no file of its own");
+                }
+                continue;
+            }
+            // The clock of the whole record cannot be told from that of a file of it.
+            if matches!(effect.physics, Physics::Clock(_)) && channel_at.is_some_and(has_clock) {
+                leave("its channel has a clock of its own");
                 continue;
             }
             // The effect is declared and its parameter is free: no hypothesis is needed.

@@ -92,7 +92,7 @@ fn falls(costs: &[f64]) -> bool {
 /// Fits all parameters, starting from `start`.
 pub fn fit(problem: &Problem, start: &Point, options: FitOptions) -> Fit {
     let mut fitting = Fitting::begin(problem, start, options.threads);
-    fitting.go_on(problem, options);
+    fitting.go_to_the_end(problem, options);
     fitting.finish(problem, options)
 }
 
@@ -145,12 +145,29 @@ impl Fitting {
     /// Goes on until it ends by itself or has taken so many iterations in all.
     pub fn go_on(&mut self, problem: &Problem, options: FitOptions) {
         let most = options.iterations.min(problem.machine.effort().iterations);
-        while !self.ended && (self.taken < most || (self.taken < STILL_FALLING * most && falls(&self.costs))) {
-            if problem.ending.is_due() {
-                self.ended = true;
-                return;
-            }
-            self.step(problem, options);
+        while !self.ended && self.taken < most {
+            self.step_if_not_due(problem, options);
+        }
+    }
+
+    /// Goes on until it ends by itself or has taken so many iterations in all, and beyond them while its cost falls.
+    pub fn go_to_the_end(&mut self, problem: &Problem, options: FitOptions) {
+        self.go_on(problem, options);
+        let most = options.iterations.min(problem.machine.effort().iterations);
+        while !self.ended && (self.taken < most || self.taken < STILL_FALLING * most && self.is_falling()) {
+            self.step_if_not_due(problem, options);
+        }
+    }
+
+    /// Whether the last five iterations lowered the cost by a tenth or more.
+    pub fn is_falling(&self) -> bool {
+        falls(&self.costs)
+    }
+
+    fn step_if_not_due(&mut self, problem: &Problem, options: FitOptions) {
+        match problem.ending.is_due() {
+            true => self.ended = true,
+            false => self.step(problem, options),
         }
     }
 
@@ -221,22 +238,45 @@ impl Fitting {
         self.updates = 0;
     }
 
-    /// Share of the cost that the linear model where it stands would leave.
-    pub fn promised_share(&self, problem: &Problem) -> f64 {
+    pub fn has_converged(&self) -> bool {
+        self.converged
+    }
+
+    /// Residuals of every segment that the linear model where it stands promises, by a step that is hardly damped.
+    pub fn promised_residuals(&self, problem: &Problem) -> Vec<Vec<f64>> {
+        let mut all = self.residuals(problem);
         // A Jacobian that the end of the budget has cut off promises nothing.
-        let is_whole = |(part, k): (&SegmentJacobian, &usize)| {
-            let concerned = (0..problem.globals.len()).filter(|g| problem.concerns(*g, *k)).count();
-            part.columns.len() == concerned + problem.locals.len()
-        };
+        let concerned = |k: usize| (0..problem.globals.len()).filter(move |g| problem.concerns(*g, k));
+        let is_whole =
+            |(part, k): (&SegmentJacobian, &usize)| part.columns.len() == concerned(*k).count() + problem.locals.len();
         if self.converged || !self.jacobian.iter().zip(&self.parts).all(is_whole) {
-            return 1.0;
+            return all;
         }
         let step = solve(problem, &self.point, &self.parts, &self.jacobian, FIRST_LAMBDA);
-        step.map_or(1.0, |step| (1.0 - step.predicted / self.cost.max(1e-300)).max(0.0))
+        let Some(FitStep { globals, locals, .. }) = step else { return all };
+        for ((part, k), locals) in self.jacobian.iter().zip(&self.parts).zip(&locals) {
+            let steps = concerned(*k).map(|g| globals[g]).chain(locals.iter().copied());
+            for (column, step) in part.columns.iter().zip(steps) {
+                all[*k].iter_mut().zip(column).for_each(|(r, c)| *r += c * step);
+            }
+        }
+        all
+    }
+
+    /// Where it stands, without what an end costs: neither covariance nor Jacobians.
+    pub fn as_it_stands(&self, problem: &Problem) -> Fit {
+        Fit {
+            point: self.point.clone(),
+            cost: self.cost,
+            converged: self.converged,
+            covariance: DMatrix::zeros(0, 0),
+            residuals: self.residuals(problem),
+            jacobians: Vec::new(),
+        }
     }
 
     /// Residuals of every segment where it stands; none of those that are not fitted.
-    pub fn residuals(&self, problem: &Problem) -> Vec<Vec<f64>> {
+    fn residuals(&self, problem: &Problem) -> Vec<Vec<f64>> {
         let mut all = vec![Vec::new(); problem.data.segments.len()];
         for (k, part) in self.parts.iter().zip(&self.jacobian) {
             all[*k].clone_from(&part.residuals);

@@ -22,7 +22,7 @@ use super::search::{self, Context};
 use super::stats;
 use crate::effects::{EFFECTS, On, Physics};
 use crate::machine::simulate::{Samples, Task};
-use crate::machine::{Body, BodyMotion, Input, InputKind, Machine, Reads, Sensor, Slot, Target};
+use crate::machine::{Body, BodyMotion, Input, InputKind, Machine, PlacedEffect, Reads, Sensor, Slot, Target};
 use crate::measurement::facts;
 use crate::measurement::segments::{Data, MeasuredChannel, RecordSegment};
 use crate::measurement::{CandidateSpec, Measurement};
@@ -64,7 +64,9 @@ fn turned_bodies(m: &Machine, data: &Data) -> Vec<TurnedBody> {
     {
         return Vec::new();
     }
-    let plain = |sensor: usize| m.placed.iter().all(|p| p.target != Target::Sensor(sensor));
+    // A clock belongs to records of several files, which do not take part.
+    let alters = |p: &PlacedEffect| !matches!(p.effect.physics, Physics::OwnClock(_));
+    let plain = |sensor: usize| m.placed.iter().all(|p| p.target != Target::Sensor(sensor) || !alters(p));
     let of = |body: usize| {
         let shows =
             |reads: Reads| data.channels.iter().position(|c| m.sensors[c.sensor].reads == reads && plain(c.sensor));

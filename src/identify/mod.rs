@@ -134,7 +134,8 @@ pub fn identify(
         context.report("looking for numbers that differ from record to record");
         // A single effect may have taken the place of one whose size differs from record to record.
         let others = if found.best.effects.len() <= 1 { &leads[..] } else { &[] };
-        let drifting = drifting::varying_numbers(&found.best, others, context);
+        let others: Vec<_> = others.iter().map(|m| m.finished().into_owned()).collect();
+        let drifting = drifting::varying_numbers(&found.best, &others, context);
         has_course = accept_drifting::accept_drifting(&mut found, &drifting);
         if has_course {
             unresolved = resolved::resolve(&mut found.best, &own, context);

@@ -10,6 +10,7 @@ use super::stats;
 use crate::effects::{Effect, Kind, Look, Parameter};
 use crate::measurement::facts;
 use crate::measurement::segments::Data;
+use std::borrow::Cow;
 use std::sync::OnceLock;
 
 /// A fitted set of effects.
@@ -23,6 +24,8 @@ pub struct FittedModel<'a> {
     /// Held-out segments. They are run on `threads` threads when their residuals are first needed.
     pub(super) own: &'a Data,
     pub threads: usize,
+    /// Of a fit that was given up: what its linear model leaves of the squared error, as a share. None: it was fitted to the end.
+    pub(super) given_up: Option<f64>,
     judged: OnceLock<Residuals>,
 }
 
@@ -36,7 +39,25 @@ impl<'a> FittedModel<'a> {
         threads: usize,
     ) -> FittedModel<'a> {
         let left = judge::fitted_residuals(&problem, &fit.residuals);
-        FittedModel { problem, fit, effects, fit_residuals: left, own, threads, judged: OnceLock::new() }
+        FittedModel {
+            problem,
+            fit,
+            effects,
+            fit_residuals: left,
+            own,
+            threads,
+            given_up: None,
+            judged: OnceLock::new(),
+        }
+    }
+
+    /// The model itself, or fitted to the end if it was given up.
+    pub(super) fn finished(&self) -> Cow<'_, FittedModel<'a>> {
+        if self.given_up.is_none() {
+            return Cow::Borrowed(self);
+        }
+        let (problem, effects) = (self.problem.clone(), self.effects.clone());
+        Cow::Owned(fit_model(problem, &self.fit.point, self.own, effects, self.threads, FIT_ITERATIONS))
     }
 
     /// All residuals; those of held-out data are computed on first use.
@@ -291,6 +312,12 @@ pub(super) fn completed<'a>(
 /// Score of a model: deviance on the fitted data plus a penalty for each parameter. Smaller is better.
 pub fn score(model: &FittedModel, effective: &[f64]) -> f64 {
     score_of(&model.fit_residuals, (model.problem.data, &model.effects), effective)
+}
+
+/// Score that a model may still come to, where its fit was given up; the same as its score elsewhere.
+pub(super) fn promised_score(model: &FittedModel, effective: &[f64]) -> f64 {
+    let samples: f64 = effective.iter().sum();
+    score(model, effective) + model.given_up.map_or(0.0, |share| samples * libm::log(share.max(1e-300)))
 }
 
 /// Score of what a set of effects leaves of the fitted data.

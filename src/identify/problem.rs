@@ -5,12 +5,13 @@
 //! and parameters `per = "part"`. Residuals are (model - measured) / weight of the channel. Segments do not share local
 //! parameters, so that the fit eliminates them segment by segment.
 
+use crate::effects::Physics;
 use crate::machine::correction::Observed;
 use crate::machine::fidelity::{RunRequest, UnrepeatedPart};
 use crate::machine::simulate::{InitialState, RunError, Samples};
-use crate::machine::{BodyMotion, Machine, Reads, Sensor, Slot};
+use crate::machine::{BodyMotion, Machine, Reads, Sensor, Slot, Target};
 use crate::measurement::clocks::at_own_times;
-use crate::measurement::segments::{Data, RecordSegment};
+use crate::measurement::segments::{Data, MeasuredChannel, RecordSegment};
 use crate::units::within;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
@@ -185,6 +186,14 @@ impl<'a> Problem<'a> {
                 Local::Angle { body, scale } => start.q[body] = x * scale,
                 Local::Speed { body, scale } => start.v[body] = x * scale,
                 Local::Slot { slot, law } => values[slot] = law.value(*x),
+            }
+        }
+        // A clock that errs belongs to the channels that have one of their own in this record.
+        for p in self.machine.placed.iter().filter(|p| matches!(p.effect.physics, Physics::OwnClock(_))) {
+            let of = |c: &MeasuredChannel| p.target == Target::Sensor(c.sensor);
+            let channel = self.data.channels.iter().position(of);
+            if channel.and_then(|c| s.behind_s.get(c)).is_none_or(Vec::is_empty) {
+                p.slots.iter().for_each(|slot| values[*slot] = 0.0);
             }
         }
         let beyond = |of: &[(usize, f64)], body: usize| of.iter().filter(|o| o.0 == body).map(|o| o.1).sum::<f64>();

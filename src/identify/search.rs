@@ -238,7 +238,7 @@ fn leading<'a>(mut next: Vec<FittedModel<'a>>, effective: &[f64], most: usize) -
     next.truncate(most);
     let lead = next.first().map_or(f64::MAX, |m| score(m, effective));
     next.retain(|m| score(m, effective) <= lead + MAX_SCORE_GAP);
-    next
+    next.into_iter().map(|m| m.finished().into_owned()).collect()
 }
 
 /// All rounds, or as many as are needed to see that the simulation is lost, where it `may_be_lost`.
@@ -351,7 +351,7 @@ fn rounds<'a>(
 
 /// Puts the best model first; returns the effective samples by which it is.
 fn sort_by_score(all: &mut [FittedModel<'_>]) -> Vec<f64> {
-    let effective = best_effective(&*all);
+    let effective = best_effective(all);
     all.sort_by(|a, b| score(a, &effective).total_cmp(&score(b, &effective)));
     effective
 }
@@ -569,10 +569,10 @@ pub(super) fn grown<'a>(
 }
 
 /// Effective samples of every channel, from the residuals of the model with the smallest error.
-pub(super) fn best_effective<'m, 'a: 'm>(models: impl IntoIterator<Item = &'m FittedModel<'a>>) -> Vec<f64> {
+pub(super) fn best_effective(models: &[FittedModel]) -> Vec<f64> {
     let error = |m: &FittedModel| judge::mean_error(&m.fit_residuals);
     models
-        .into_iter()
+        .iter()
         .min_by(|a, b| error(a).total_cmp(&error(b)))
         .map_or_else(Vec::new, |m| judge::effective(&m.fit_residuals))
 }
@@ -688,7 +688,7 @@ fn extend_by_one_effect<'a>(
         }
         (problem, start, model.effects.iter().cloned().chain([h.clone()]).collect())
     };
-    let fits = race(jobs.len(), begin, own, context);
+    let fits = race((jobs.len(), model.problem.machine.effort().is_thorough), begin, own, context);
     let mut models: Vec<FittedModel<'a>> = Vec::new();
     for (i, m) in jobs.iter().zip(fits) {
         let Some(mut m) = m else {
@@ -714,7 +714,10 @@ fn extend_by_one_effect<'a>(
         }
     }
     for m in &models {
-        seen.push(m.identity());
+        // Another fit of a set that was given up may begin at a better place.
+        if m.given_up.is_none() {
+            seen.push(m.identity());
+        }
         // Another form of the same effect lay outside the records.
         trials.iter_mut().filter(|t| t.is_of(m) && t.why.starts_with(OUTSIDE)).for_each(|t| t.why.clear());
     }

@@ -4,7 +4,7 @@
 use super::candidates::Hypothesis;
 use super::screen::{LinearisedBase, ScreeningResult};
 use crate::drive::chains::gcd;
-use crate::effects::{Effect, Look, gap_error, named, pitch_error, sprocket_runout, tight_joint};
+use crate::effects::{Effect, Look, Physics, gap_error, named, pitch_error, sprocket_runout, tight_joint};
 use crate::machine::{Machine, Target};
 use serde::Serialize;
 
@@ -220,6 +220,11 @@ pub fn experiment(a: &str, b: &str) -> String {
     let name = |path: &str| path.split('.').nth(1).unwrap_or(path).split(' ').next().unwrap_or(path).to_string();
     let (a, b) = (name(a), name(b));
     let look = |name: &str| named(name).and_then(|effect| effect.kin.look);
+    let is_clock = |name: &str| named(name).is_some_and(|effect| matches!(effect.physics, Physics::OwnClock(_)));
+    if is_clock(&a) || is_clock(&b) {
+        return "an event that both files show, such as a knock or a common trigger, at both ends of a long record"
+            .into();
+    }
     use Look::{Chain, Friction, Lag, Marks, OncePerTurn};
     let text = match (look(&a), look(&b)) {
         (Some(Friction), Some(Friction)) => {

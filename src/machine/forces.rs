@@ -49,7 +49,7 @@ type LawOfSpeed<'a> = &'a dyn Fn(BodyAt) -> f64;
 
 /// A speed may change within a sample by so many times what its acceleration at the beginning says.
 const MARGIN: f64 = 2.0;
-/// A speed that changes within a sample by less than this share of itself is at one place of all friction curves.
+/// A speed that changes within a sample by less than this share of itself sees one slope of every friction curve.
 const HARDLY_CHANGES: f64 = 0.05;
 /// Shares of a decay time and of a wave that one step may cross: Runge-Kutta then errs by 3e-9 and 8e-9.
 const EXACT_DECAY: f64 = 0.05;

@@ -5,7 +5,7 @@ use super::fidelity::{
 };
 use super::period::{PeriodOfDrive, lcm};
 use super::response::{MAX_PERIOD_S, PeriodicResponse, ResponseError};
-use super::simulate::{InitialState, RunError, Samples, Task, between, clock, through_sensor};
+use super::simulate::{InitialState, RunError, Samples, Task, between, clock, own_clocks, through_sensor};
 use super::{Body, BodyMotion, ChainLoop, Machine, Reads, Target};
 use crate::drive::Drive;
 use crate::drive::bearings::Carried;
@@ -175,7 +175,7 @@ impl LinkedDrive {
         &self,
         (m, values): (&Machine, &[f64]),
         response: &PeriodicResponse,
-        (t_s, step_s): (&[f64], f64),
+        (start_s, t_s, step_s): (f64, &[f64], f64),
         start: &InitialState,
         sensor: usize,
     ) -> Vec<f64> {
@@ -184,7 +184,9 @@ impl LinkedDrive {
         let body = m.body_of(sensor);
         let speed = body.map_or(0.0, |b| self.speed(m, values, b));
         let turns = matches!(m.sensors[sensor].reads, Reads::Angle(_));
+        let clocks = own_clocks(m, values, sensor);
         let at = |t: f64| {
+            let t = t + clocks.iter().map(|(law, p)| law(p, start_s + t)).sum::<f64>();
             let mean = response.at(sensor, start.travel + t * response.pitches_per_s);
             if turns { mean + start.q[body.unwrap_or(0)] + speed * t } else { mean }
         };
@@ -198,7 +200,7 @@ impl LinkedDrive {
         let nodes = libm::ceil(last / h) as usize + 3;
         let series = (0..nodes).map(|i| gain * at(i as f64 * h)).collect();
         let turned: Vec<f64> = (0..nodes).map(|i| speed * i as f64 * h).collect();
-        let series = through_sensor(m, values, sensor, series, &turned, (0.0, h));
+        let series = through_sensor(m, values, sensor, series, &turned, (None, h));
         t_s.iter().map(|t| between(&series, t / (1.0 + clock) / h)).collect()
     }
 }
@@ -345,7 +347,8 @@ impl Fidelity for LinkedDrive {
         let Samples::Times { t_s, step_s, .. } = &r.task.samples else {
             return Err(RunError::NoPulse { t_s: 0.0, pulses: 0 });
         };
-        let of = |sensor: &usize| self.channel((m, r.values), response, (t_s, *step_s), r.start, *sensor);
+        let of =
+            |sensor: &usize| self.channel((m, r.values), response, (r.task.start_s, t_s, *step_s), r.start, *sensor);
         Ok(r.channels.iter().map(of).collect())
     }
 

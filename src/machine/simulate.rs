@@ -9,7 +9,7 @@ use super::forces::{PreparedMachine, SpringForces};
 use super::near_rest::NearRest;
 use super::pulses::{self, pulses};
 use super::{Body, BodyMotion, Input, InputKind, Machine, PlacedEffect, Reads, Target};
-use crate::effects::{BodyAt, Physics, Trace};
+use crate::effects::{BodyAt, OwnClockLaw, Physics, Trace};
 use std::f64::consts::PI;
 
 /// Requested output of a run.
@@ -162,7 +162,7 @@ fn steps(ready: &PreparedMachine, step_s: f64, top: &[f64], loads: &[f64]) -> f6
 /// Sets prescribed speeds and input forces at a share of the way (Runge and Kutta's stages: 0, 1/2, 1), for the given coordinates.
 pub(super) type Stage<'a> = &'a mut dyn FnMut(f64, &[f64], &mut [f64], &mut [f64]);
 
-/// Forces of inputs and of all else on every body at the begin of a step, where they are known.
+/// Forces of inputs and of all else on every body at the beginning of a step, where they are known.
 pub(super) type AtBegin<'a> = Option<[&'a [f64]; 2]>;
 
 /// One step of the classical scheme; `at` gives input forces and prescribed speeds at a stage (0, 1/2, 1).
@@ -366,7 +366,7 @@ impl NodeReadings<'_> {
         let of = |(c, channel): (usize, &usize)| {
             let trace = match sensed {
                 true => {
-                    let (trace, times) = (self.traces[c].clone(), (self.start_s, self.h));
+                    let (trace, times) = (self.traces[c].clone(), (Some(self.start_s), self.h));
                     through_sensor(m, ready.values, *channel, trace, &self.angles[c], times)
                 }
                 false => self.traces[c].clone(),
@@ -580,14 +580,24 @@ pub fn clock(m: &Machine, values: &[f64]) -> f64 {
     clock
 }
 
-/// The signal after all effects of its sensor. The times are those of its first value, since the record began, and between two values [s].
+/// Laws of the clock by which a sensor is read, with their numbers.
+pub(super) fn own_clocks(m: &Machine, numbers: &[f64], sensor: usize) -> Vec<(OwnClockLaw, Vec<f64>)> {
+    let of = |p: &PlacedEffect| match (p.effect.physics, p.target == Target::Sensor(sensor)) {
+        (Physics::OwnClock(law), true) => Some((law, p.slots.iter().map(|s| numbers[*s]).collect())),
+        (_, _) => None,
+    };
+    m.placed.iter().filter_map(of).collect()
+}
+
+/// The signal after all effects of its sensor. The times are those of its first value, since the record began, and between two values [s]; without the
+/// first, what reads the channel at the times of another clock is left out.
 pub fn through_sensor(
     m: &Machine,
     numbers: &[f64],
     sensor: usize,
     mut values: Vec<f64>,
     angles: &[f64],
-    (start_s, h): (f64, f64),
+    (start_s, h): (Option<f64>, f64),
 ) -> Vec<f64> {
     let derivative = match m.sensors[sensor].reads {
         Reads::Angle(_) => 0,
@@ -603,11 +613,12 @@ pub fn through_sensor(
             let numbers: Vec<f64> = p.slots.iter().map(|s| numbers[*s]).collect();
             law(&numbers, &mut Trace { step_s: h, values: &mut values, angles, derivative });
         }
-        if let Physics::OwnClock(law) = p.effect.physics {
-            let numbers: Vec<f64> = p.slots.iter().map(|s| numbers[*s]).collect();
-            let at = |i: usize| i as f64 + law(&numbers, start_s + i as f64 * h) / h;
-            values = (0..values.len()).map(|i| read_at(&values, at(i))).collect();
-        }
+    }
+    let clocks = own_clocks(m, numbers, sensor);
+    if let Some(start_s) = start_s.filter(|_| !clocks.is_empty()) {
+        let ahead_s = |t_s: f64| clocks.iter().map(|(law, p)| law(p, t_s)).sum::<f64>();
+        let at = |i: usize| i as f64 + ahead_s(start_s + i as f64 * h) / h;
+        values = (0..values.len()).map(|i| read_at(&values, at(i))).collect();
     }
     values
 }
@@ -666,9 +677,9 @@ fn derivative(series: &[f64], h: f64) -> Vec<f64> {
         .collect()
 }
 
-/// A series between its values, and beyond its last one on the straight line through the last two.
+/// A series between its values. Beyond its last one it goes on for one value on the straight line through the last two, and then stays.
 fn read_at(series: &[f64], at: f64) -> f64 {
-    let beyond = at - series.len().saturating_sub(1) as f64;
+    let beyond = (at - series.len().saturating_sub(1) as f64).min(1.0);
     match series {
         [.., before, last] if beyond > 0.0 => last + (last - before) * beyond,
         _ => between(series, at),

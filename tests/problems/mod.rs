@@ -86,6 +86,16 @@ struct Record {
     t_s: Vec<f64>,
     input: Vec<f64>,
     channels: Vec<Vec<f64>>,
+    /// Where the first channel lies in a file of its own.
+    own: Option<OwnFile>,
+}
+
+/// A file with a clock of its own, as it is declared, and what that lacks.
+struct OwnFile {
+    offset_s: f64,
+    drift: f64,
+    late_s: f64,
+    lost: f64,
 }
 
 struct Maker<'a> {
@@ -136,6 +146,8 @@ impl SmallProblem {
             1 => Budget { runs: None, seconds: Some(maker.c.log_between(0.01, 0.5)) },
             _ => Budget { runs: Some(300), seconds: Some(0.5) },
         };
+        // Drawn last, so that bytes that were kept before still mean the same.
+        let measurement = measurement + &maker.own_files(&mut records);
         SmallProblem { measurement, drive, records: texts(&records), budget }
     }
 
@@ -219,7 +231,20 @@ fn texts(records: &[Record]) -> Vec<(String, String)> {
         csv.push('\n');
         csv
     };
-    records.iter().enumerate().map(|(k, r)| (format!("r{k}"), text(r))).collect()
+    // Two of three samples, by the own clock.
+    let own = |(k, r): (usize, &Record)| {
+        let own = r.own.as_ref()?;
+        let mut csv = String::from("t,c0");
+        for i in (0..r.t_s.len()).filter(|i| i % 3 != 1) {
+            let t = (r.t_s[i] * (1.0 + own.lost) + own.late_s - own.offset_s) / (1.0 + own.drift);
+            let value = r.channels[0][i];
+            let _ = if value.is_nan() { write!(csv, "\n{t:e},") } else { write!(csv, "\n{t:e},{value:e}") };
+        }
+        csv.push('\n');
+        Some((format!("own{k}"), csv))
+    };
+    let joined = records.iter().enumerate().map(|(k, r)| (format!("r{k}"), text(r)));
+    joined.chain(records.iter().enumerate().filter_map(own)).collect()
 }
 
 impl Maker<'_> {
@@ -410,7 +435,34 @@ impl Maker<'_> {
             "pulse_pickup" => vec![step; n],
             _ => (0..n).map(|i| size * (turns * i as f64).sin()).collect(),
         });
-        Record { t_s, input, channels: channels.collect() }
+        Record { t_s, input, channels: channels.collect(), own: None }
+    }
+
+    /// Puts the first channel of some records into files of their own; what the measurement file says of them.
+    fn own_files(&mut self, records: &mut [Record]) -> String {
+        let mut text = String::new();
+        let has_samples = self.sensors.first().is_some_and(|s| s.0 != "pulse_pickup");
+        if !has_samples || self.c.below(4) != 3 {
+            return text;
+        }
+        for (k, r) in records.iter_mut().enumerate() {
+            let length_s = r.t_s[r.t_s.len() - 1] - r.t_s[0];
+            let [offset, drift, late, lost] = [(); 4].map(|()| if self.c.one_in(2) { 0.0 } else { self.c.noise() });
+            r.own = Some(OwnFile {
+                offset_s: length_s * offset,
+                drift: 0.01 * drift,
+                late_s: 0.02 * length_s * late,
+                lost: 0.01 * lost,
+            });
+            let _ = write!(
+                text,
+                "\n[files.own{k}]\npath = \"own{k}.csv\"\n\n[records.r{k}.beside.own]\nfile = \"own{k}\"\nholds = [\"c0\"]\ntime_column = \"t\"\n\
+                 offset_ms = {:e}\ndrift_percent = {:e}\n",
+                1e3 * length_s * offset,
+                drift
+            );
+        }
+        text
     }
 
     fn measurement(&mut self, records: &[Record]) -> String {

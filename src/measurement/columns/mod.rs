@@ -349,7 +349,7 @@ fn read_recording(path: &Path, wanted: ColumnSelection<'_>, memory: &mut Memory)
         let angles = m.body_of(sensor).and_then(|b| states.get(1 + b)).cloned().unwrap_or_else(|| vec![0.0; rows]);
         let gain = m.sensors.get(sensor).and_then(|s| m.values.get(s.gain)).copied().unwrap_or(1.0);
         let shown = reading.iter().map(|v| gain * v).collect();
-        *reading = through_sensor(&m, &m.values, sensor, shown, &angles, (0.0, step_s));
+        *reading = through_sensor(&m, &m.values, sensor, shown, &angles, (None, step_s));
     }
     let mut columns = Columns::from_numbers(names, values);
     columns.missing = reader.missing().to_vec();
