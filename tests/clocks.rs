@@ -187,7 +187,7 @@ fn a_clock_of_its_own_takes_a_file_of_its_own() {
     assert_ne!(held, joined);
     std::fs::write(&path, held).expect("written");
     let r = identified(&path, 2, ALL).expect("identified");
-    assert!(r.trials.iter().all(|t| !t.identity.contains("clock_")), "{:?}", r.trials);
+    assert!(r.candidates.iter().all(|t| !t.identity.contains("clock_")), "{:?}", r.candidates);
 }
 
 /// What is wrong is said at its place in the measurement file.
