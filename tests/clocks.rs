@@ -130,13 +130,22 @@ fn a_clock_that_is_not_declared_is_found_as_latency() {
 /// An `offset_ms` that is 15 ms too small, which no latency can be, and a drift that is not declared: each is found with its size.
 #[test]
 fn what_is_not_declared_of_a_clock_is_found() {
+    // The clock of the last one begins with the record, about whose beginning the effect drifts.
     let cases = [
-        (0.0, "offset_ms = 72", "latency\", \"clock_offset", "clock_offset.disc.offset_ms", 15.0, 0.5),
-        (0.002, "offset_ms = 87", "latency\", \"clock_drift", "clock_drift.disc.percent", 0.2, 0.02),
-        (-0.004, "offset_ms = 87", "clock_drift", "clock_drift.disc.percent", -0.4, 0.02),
+        (0.087, 0.0, "offset_ms = 72", "latency\", \"clock_offset", "clock_offset.disc.offset_ms", 15.0, 0.5),
+        (
+            0.087,
+            0.002,
+            "offset_ms = 87",
+            "latency\", \"time_base\", \"clock_drift",
+            "clock_drift.disc.percent",
+            0.2,
+            0.02,
+        ),
+        (0.0, -0.004, "", "clock_drift", "clock_drift.disc.percent", -0.4, 0.01),
     ];
-    for (drift, clock, effects, key, size_true, tolerance) in cases {
-        let bench = Bench::new(0.087, drift, 4.0);
+    for (zero_s, drift, clock, effects, key, size_true, tolerance) in cases {
+        let bench = Bench::new(zero_s, drift, 4.0);
         let only = format!("[\"coulomb_friction\", \"low_pass\", \"{effects}\"]");
         let r = identified(&bench.measurement(clock, &only), 2, ALL).expect("identified");
         println!("{}", pitchline::identify::text::text(&r));

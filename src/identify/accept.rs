@@ -594,15 +594,13 @@ fn record_outcomes(best: &FittedModel, all: &[FittedModel], effective: &[f64], t
         }
         t.score = Some(score(m, effective) - best_score);
         t.rms_judge = m.known_judge_error();
-        if t.why.is_empty() && m.given_up.is_some() {
-            t.why = "given up: its fit promised to stay far behind others".into();
-        }
         if t.why.is_empty() {
             let times = mean_error(&m.fit_residuals) / mean_error(&best.fit_residuals);
             t.why = if accepted.contains(&t.identity) {
                 "accepted".into()
             } else if times > 1.0 {
-                format!("leaves {times:.3} times the error of the accepted set")
+                let end = if m.given_up.is_some() { "; its fit was given up" } else { "" };
+                format!("leaves {times:.3} times the error of the accepted set{end}")
             } else if let [ratio, _, f64::INFINITY] = m.residuals().judge_ratio(best.residuals()) {
                 format!(
                     "it leaves {times:.3} times the fitted error and {ratio:.3} times the held-out error, by too few samples to tell"

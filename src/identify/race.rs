@@ -4,7 +4,7 @@
 use super::candidates::Hypothesis;
 use super::fit::{FitOptions, Fitting, parallel};
 use super::judge::{self, mean_error};
-use super::model::{Begin, FIT_ITERATIONS, FittedModel, completed, score, score_of};
+use super::model::{Begin, FIT_ITERATIONS, FittedModel, completed, fit_model, score, score_of};
 use super::plausible::is_inside_the_records;
 use super::problem::Problem;
 use super::search::{Context, MAX_SCORE_GAP};
@@ -167,7 +167,10 @@ pub(super) fn fit_against<'a>(
             return None;
         }
     }
-    Some(runner.finish(own))
+    // A fresh beginning reaches minima that a fit with its damping of before does not.
+    let Runner { problem, effects, fitting, .. } = runner;
+    let stands = fitting.as_it_stands(&problem).point;
+    Some(fit_model(problem, &stands, own, effects, 1, FIT_ITERATIONS))
 }
 
 /// The value of a lock that no thread holds for longer than its own work.

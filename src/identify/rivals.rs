@@ -72,8 +72,9 @@ fn is_as_unexplained(rival: &FittedModel, best: &FittedModel) -> bool {
 /// Share of the squared noise by which an error above the floor differs by chance.
 const CHANCE: f64 = 0.02;
 
-/// Where the best model leaves more than noise, a rival that promises to leave more than this multiple of its squared error is given up.
-const UNEXPLAINED_FAR: f64 = 2.0 * AS_UNEXPLAINED;
+/// Where the best model leaves more than noise, a rival that promises to leave more than this multiple of its squared error is given up: what is
+/// missing may bend its linear model. Not varied.
+const UNEXPLAINED_FAR: f64 = 9.0;
 
 /// The best model with another hypothesis in place of an effect, fitted; None: it stays far from the best model.
 pub(super) fn rival_of<'a>(
