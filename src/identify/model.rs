@@ -390,7 +390,7 @@ pub fn refitted<'a>(
 }
 
 /// What a fit begins with.
-pub(super) type Begin<'a> = (Problem<'a>, Point, Vec<Hypothesis>);
+pub(super) type FitBegin<'a> = (Problem<'a>, Point, Vec<Hypothesis>);
 
 /// What the fit of [`refitted`] begins with.
 pub(super) fn begin_again<'a>(
@@ -399,7 +399,7 @@ pub(super) fn begin_again<'a>(
     kept: &[usize],
     more: Option<(&Hypothesis, &FitStart)>,
     threads: usize,
-) -> Begin<'a> {
+) -> FitBegin<'a> {
     let n_declared = declared.problem.globals.len();
     let mut problem = declared.problem.clone();
     problem.weights.clone_from(&model.problem.weights);

@@ -4,7 +4,7 @@
 use super::candidates::Hypothesis;
 use super::fit::{FitOptions, Fitting, parallel};
 use super::judge::{self, mean_error};
-use super::model::{Begin, FIT_ITERATIONS, FittedModel, completed, fit_model, score, score_of};
+use super::model::{FIT_ITERATIONS, FitBegin, FittedModel, completed, fit_model, score, score_of};
 use super::plausible::is_inside_the_records;
 use super::problem::Problem;
 use super::search::{Context, MAX_SCORE_GAP};
@@ -40,7 +40,7 @@ impl Standing {
 }
 
 impl<'a> Runner<'a> {
-    fn new((problem, start, effects): Begin<'a>) -> Runner<'a> {
+    fn new((problem, start, effects): FitBegin<'a>) -> Runner<'a> {
         let fitting = Fitting::begin(&problem, &start, 1);
         Runner { problem, effects, fitting, given_up: None }
     }
@@ -91,7 +91,7 @@ impl<'a> Runner<'a> {
 /// run takes long, none is: a budget shall leave whole fits.
 pub(super) fn race<'a>(
     (fits, is_raced): (usize, bool),
-    begin: impl Fn(usize) -> Begin<'a> + Sync,
+    begin: impl Fn(usize) -> FitBegin<'a> + Sync,
     own: &'a Data,
     context: &Context<'_>,
 ) -> Vec<Option<FittedModel<'a>>> {
@@ -150,7 +150,7 @@ fn give_up_the_hopeless<'a>(runners: &[Mutex<Option<Runner<'a>>>], standings: &[
 /// Fits a set of effects against a model that stands; None: it is given up. `is_behind` says whether it is, by the score that it promises beyond
 /// that of the model and by the squared error that it promises over that of the model.
 pub(super) fn fit_against<'a>(
-    begin: Begin<'a>,
+    begin: FitBegin<'a>,
     best: &FittedModel<'a>,
     is_behind: impl Fn(f64, f64) -> bool,
     own: &'a Data,
