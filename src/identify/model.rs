@@ -24,7 +24,7 @@ pub struct FittedModel<'a> {
     /// Held-out segments. They are run on `threads` threads when their residuals are first needed.
     pub(super) own: &'a Data,
     pub threads: usize,
-    /// Of a fit that was given up: what its linear model leaves of the squared error, as a share. None: it was fitted to the end.
+    /// The share of the squared error that the linear model would leave where the fit was given up. None: it was fitted to the end.
     pub(super) given_up: Option<f64>,
     judged: OnceLock<Residuals>,
 }

@@ -19,7 +19,7 @@ struct Runner<'a> {
     problem: Problem<'a>,
     effects: Vec<Hypothesis>,
     fitting: Fitting,
-    /// Where it was given up: share of the squared error that its linear model would leave.
+    /// The share of the squared error that its linear model would leave, if it was given up.
     given_up: Option<f64>,
 }
 
