@@ -339,7 +339,8 @@ fn assemble_from(drive: &Drive, isa: Isa, shared: Option<&SharedParts>) -> Resul
     let moved = (0..drive.chains()).filter_map(|chain| axis(drive.preload_of(chain))).collect();
     let resting = |arm: &ArmModel| {
         let angle_rad = loaded.configuration.coordinates[arm.coordinate];
-        let spring_torque_nm = model.coordinates[arm.coordinate].spring.force(angle_rad);
+        let back = &model.coordinates[arm.back];
+        let spring_torque_nm = back.spring.force(loaded.configuration.coordinates[arm.back]);
         RestingArm { arm: arm.name.clone(), angle_rad, spring_torque_nm }
     };
     let first = ChainPreload::of(String::new(), &tensions_n[0]);

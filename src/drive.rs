@@ -494,6 +494,8 @@ pub struct Effects {
     pub joint_damping_n_s_per_m: f64,
     /// Friction and compliance of guides.
     pub guides: Vec<GuideEffect>,
+    /// Arms that give way, in the order of the file.
+    pub arms: Vec<ArmEffect>,
     /// What effects change about the oil, and about what it flows through.
     pub oil: OilEffects,
     /// Stiffness and damping of spans, in chains of spans.
@@ -520,6 +522,21 @@ pub struct GuideEffect {
     pub friction: f64,
     /// What it stands on; None: it stands still.
     pub mount: Option<GuideMount>,
+}
+
+/// What an arm gives way by.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ArmEffect {
+    /// Path in the file.
+    pub path: String,
+    /// Name of the arm.
+    pub arm: String,
+    /// Turn of its rails against its back under a torque [rad/(N m)]; positive.
+    pub compliance_rad_per_nm: f64,
+    /// Share of its inertia that the back has.
+    pub back_share: f64,
+    /// Damping of rails and back against each other over its critical damping.
+    pub damping_ratio: f64,
 }
 
 /// What the oil of a drive, and what it flows through, have beyond what is declared.

@@ -224,8 +224,10 @@ pub struct ArmModel {
     pub name: String,
     /// Point about which it turns [m].
     pub pivot: Vec2,
-    /// Index into [`Model::coordinates`].
+    /// What its rails turn by: index into [`Model::coordinates`].
     pub coordinate: usize,
+    /// What its back turns by, which tips and stops touch; as its rails, unless the arm gives way.
+    pub back: usize,
     /// Angle from where it is drawn at which the loop closes without load, or an estimate of it [rad].
     pub start_rad: f64,
 }
@@ -536,7 +538,11 @@ impl Model {
             next_slider += model.sliders.len();
             let sliders = model.sliders.into_iter();
             joined.sliders.extend(sliders.map(|s| SliderModel { coordinate: moved(s.coordinate), ..s }));
-            joined.arms.extend(model.arms.into_iter().map(|a| ArmModel { coordinate: moved(a.coordinate), ..a }));
+            joined.arms.extend(model.arms.into_iter().map(|a| ArmModel {
+                coordinate: moved(a.coordinate),
+                back: moved(a.back),
+                ..a
+            }));
             joined.guides.extend(model.guides.into_iter().map(|g| GuideModel { chain, ..g }));
             let rails = model.rails.into_iter();
             joined.rails.extend(rails.map(|r| {

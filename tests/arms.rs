@@ -172,12 +172,12 @@ fn friction_on_a_curved_guide_is_that_of_a_belt() {
     assert!((ratio - 1.0).abs() < 2e-3);
 }
 
-/// An arm without contact to the chain.
-fn free_arm(step_us: f64) -> Model {
+/// An arm without contact to the chain, its spring with this damping, and more tables behind it.
+fn free_arm_with(step_us: f64, more: &str, damping: f64) -> Model {
     let text = format!(
         "{}\n[arms.idle]\npivot_x_mm = 60\npivot_y_mm = -150\ninertia_kg_m2 = 1e-4\nspring_nm_per_rad = 300\n\
-         spring_torque_nm = 3\ndamping_nm_s_per_rad = 0.02\n\n[guides.rail.idle]\nspan = [\"driver\", \"driven\"]\n\
-         side = \"outside\"\narm = \"idle\"\nstart_x_mm = 60\nstart_y_mm = -120\nheading_deg = 0\nlengths_mm = [60]\nradii_mm = [0]\n",
+         spring_torque_nm = 3\ndamping_nm_s_per_rad = {damping}\n\n[guides.rail.idle]\nspan = [\"driver\", \"driven\"]\n\
+         side = \"outside\"\narm = \"idle\"\nstart_x_mm = 60\nstart_y_mm = -120\nheading_deg = 0\nlengths_mm = [60]\nradii_mm = [0]\n{more}",
         BUNDLED[0].1
     );
     let (mut model, _) = at_rest(&drive(&text, &[])).unwrap_or_else(|e| panic!("{e}"));
@@ -196,7 +196,7 @@ fn an_arm_swings_as_its_spring_and_damper_say() {
         |t: f64| free + (start - free) * (-delta * t).exp() * ((omega * t).cos() + delta / omega * (omega * t).sin());
     let mut errors = Vec::new();
     for step_us in [4.0, 2.0, 1.0] {
-        let model = free_arm(step_us);
+        let model = free_arm_with(step_us, "", 0.02);
         let arm = model.arms[0].coordinate;
         // A chain at rest: the driver is prescribed, so that its speed is set to zero too.
         let mut still = model.clone();
@@ -231,6 +231,105 @@ fn an_arm_swings_as_its_spring_and_damper_say() {
         errors.push(worst);
     }
     assert!(errors[0] < 1e-3 * start, "{errors:?}");
+    for pair in errors.windows(2) {
+        assert!((3.6..4.4).contains(&(pair[0] / pair[1])), "{errors:?}");
+    }
+}
+
+/// At rest the back of a compliant arm stands against its rails by the torque that passes between them, times the compliance; the rails of a stiff
+/// one stand where those of a rigid one do.
+#[test]
+fn the_back_of_a_compliant_arm_is_turned_by_its_torque() {
+    let at = |sets: &[&str]| at_rest(&drive(BUNDLED[3].1, sets)).unwrap_or_else(|e| panic!("{e}"));
+    let (rigid, rigid_rest) = at(&["effects.arm_compliance.tensioner.compliance_urad_per_nm=0"]);
+    assert_eq!((rigid.coordinates.len(), rigid.couplings.len()), (at(&[]).0.coordinates.len(), 0));
+    for compliance in [0.01_f64, 30.0, 3000.0] {
+        let (model, rest) = at(&[&format!("effects.arm_compliance.tensioner.compliance_urad_per_nm={compliance}")]);
+        let arm = &model.arms[0];
+        let q = &rest.configuration.coordinates;
+        let (rails, back) = (q[arm.coordinate], q[arm.back]);
+        let torque = model.coordinates[arm.back].spring.force(back);
+        let twist = compliance * 1e-6 * torque;
+        println!("{compliance} urad/(N m): {:.3e} rad of {twist:.3e}, rails at {rails:.6}", back - rails);
+        // The rails give the chain what the spring gives the back.
+        assert!((rails - back + twist).abs() < 1e-6 * twist.abs() && twist != 0.0);
+        let inertia = |k: usize| 1.0 / model.coordinates[k].inverse_inertia();
+        let whole = 1.0 / rigid.coordinates[rigid.arms[0].coordinate].inverse_inertia();
+        assert!(
+            (inertia(arm.back) - 0.3 * whole).abs() < 1e-15 && (inertia(arm.coordinate) - 0.7 * whole).abs() < 1e-15
+        );
+        if compliance < 1.0 {
+            assert!((rails - rigid_rest.configuration.coordinates[rigid.arms[0].coordinate]).abs() < 1e-7);
+        }
+    }
+    for (set, says) in [
+        ("effects.arm_compliance.nobody.compliance_urad_per_nm=3", "no arm is called `nobody`"),
+        ("effects.arm_compliance.tensioner.back_percent=40", "compliance_urad_per_nm"),
+        ("effects.arm_compliance.tensioner.compliance_urad_per_nm=-1", "is outside"),
+    ] {
+        let refused = Drive::parse("arm.toml", BUNDLED[3].1, &[set.to_string()]).expect_err("a mistake").to_string();
+        assert!(refused.contains(says) && refused.contains("-->"), "{set}: {refused}");
+    }
+}
+
+/// Rails and back of an arm that no chain touches swing as two inertias on two springs: closed form, second order in the step, and without dampers
+/// no energy is lost.
+#[test]
+fn rails_and_back_swing_as_two_inertias_on_two_springs() {
+    let (inertia, share, ground, compliance) = (1e-4_f64, 0.3_f64, 300.0_f64, 400e-6_f64);
+    let (rails, back, between) = ((1.0 - share) * inertia, share * inertia, 1.0 / compliance);
+    // (between - w2 rails)(between + ground - w2 back) = between^2
+    let half = 0.5 * (between / rails + (between + ground) / back);
+    let product = between * ground / (rails * back);
+    let root = (half * half - product).sqrt();
+    let w2 = [product / (half + root), half + root];
+    // In each mode the back moves by so much for a unit of the rails.
+    let shape = w2.map(|w2| (between - w2 * rails) / between);
+    // From rest, the rails turned by `start` from where the spring is free, the back not.
+    let start = 0.02;
+    let first = start * shape[1] / (shape[1] - shape[0]);
+    let exact = |t: f64| first * (w2[0].sqrt() * t).cos() + (start - first) * (w2[1].sqrt() * t).cos();
+    let mut errors = Vec::new();
+    for (step_us, damping_ratio) in [(2.0, 0.0), (1.0, 0.0), (0.5, 0.0), (1.0, 0.1)] {
+        let effect =
+            format!("[effects.arm_compliance.idle]\ncompliance_urad_per_nm = 400\ndamping_ratio = {damping_ratio}\n");
+        let mut model = free_arm_with(step_us, &effect, 0.0);
+        let arm = model.arms[0].clone();
+        model.coordinates[0].motion =
+            pitchline::elements::coordinate::CoordinateMotion::Prescribed { speed_rad_s: 0.0 };
+        let (_, rest) = at_rest(&bundled("bush-20-40", &[])).unwrap_or_else(|e| panic!("{e}"));
+        let mut q = rest.configuration;
+        let free = 0.01;
+        q.coordinates.extend([free + start, free]);
+        let mut state = resting_state(&model, &q);
+        let h = model.step_s;
+        // Half a step before the start the speeds are those of the exact motion.
+        for (k, alpha) in [(arm.coordinate, -between * start / rails), (arm.back, between * start / back)] {
+            state.coordinates.omega[k] = -0.5 * h * alpha;
+            state.coordinates.alpha[k] = alpha;
+        }
+        let (mut scratch, mut camera) = (Scratch::new(&model), Camera::default());
+        let (mut worst, steps) = (0.0_f64, (8e-3 / h) as usize);
+        let (mut error_j, mut lost_j) = (0.0, 0.0);
+        for step in 0..=steps {
+            explicit::evaluate(&model, &state, &mut scratch).expect("holds");
+            worst = worst.max((state.coordinates.angle[arm.coordinate] - free - exact(step as f64 * h)).abs());
+            if step == 0 || step == steps {
+                let frame = camera.take(&model, &state, &scratch);
+                (error_j, lost_j) = (frame.energy.error_j, frame.energy.lost_coupling_damping_j);
+            }
+            explicit::advance(&model, &mut state, &mut scratch);
+        }
+        let stored_j = 0.5 * between * start * start;
+        println!("step {step_us} us: {worst:.2e} rad off, lost {lost_j:.3e}, ledger {error_j:.1e} of {stored_j:.3e} J");
+        assert!(error_j.abs() < 1e-4 * stored_j, "{error_j:e} of {stored_j:e} J");
+        if damping_ratio > 0.0 {
+            assert!(lost_j > 0.5 * stored_j, "{lost_j:e} of {stored_j:e} J");
+        } else {
+            errors.push(worst);
+        }
+    }
+    assert!(errors[0] < 2e-2 * start, "{errors:?}");
     for pair in errors.windows(2) {
         assert!((3.6..4.4).contains(&(pair[0] / pair[1])), "{errors:?}");
     }

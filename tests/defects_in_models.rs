@@ -146,6 +146,7 @@ fn target_of(on: Option<pitchline::effects::On>) -> &'static str {
         Some(On::Chain) => "odd",
         Some(On::Body) | None => "driven",
         Some(On::Span) => "output-pinion",
+        Some(On::Arm) => "arm",
         Some(On::Leak) => "plunger",
         Some(On::Orifice) => "throttle",
         Some(On::Check) => "ball",
@@ -168,7 +169,7 @@ fn drives_with_links_take_the_effects_that_say_so() {
         assert_eq!(result.is_ok(), e.links.is_some(), "{}: {sets:?}", e.name);
         taken += usize::from(e.links.is_some());
     }
-    assert_eq!(taken, 28);
+    assert_eq!(taken, 29);
 }
 
 /// A drive with links takes each parameter of an effect in the whole range of its row, and nothing outside; a fit of it has the same

@@ -246,7 +246,7 @@ impl Drive {
     }
 
     /// Rows of what turns: shafts and sprockets in the order of the chains, then arms, then shafts without sprockets, then modes of elastic
-    /// shafts. Paths in the file.
+    /// shafts, then backs of arms that give way. Paths in the file.
     pub fn coordinate_paths(&self) -> Vec<String> {
         let mut paths: Vec<String> = Vec::new();
         for s in &self.sprockets {
@@ -265,6 +265,7 @@ impl Drive {
         }
         paths.extend(self.bare_shafts().into_iter().map(|k| format!("shafts.{}", self.shafts[k].name)));
         paths.extend(self.elastic_shafts.iter().flat_map(|s| s.mode_paths()));
+        paths.extend(self.effects.arms.iter().map(|a| a.path.clone()));
         paths
     }
 

@@ -4,14 +4,14 @@ use super::lifters::largest_island;
 use super::mechanism::{PassageLaw, PassageSpec, WIDEST_GAP};
 use super::reader::TomlTable;
 use super::{
-    Effects, GapError, GapWave, GuideEffect, GuideMount, LinkMass, OilSpec, PassageEffect, PitchError, RailSpec,
-    SpanEffect, TightJoint, sensors,
+    ArmEffect, ArmSpec, Effects, GapError, GapWave, GuideEffect, GuideMount, LinkMass, OilSpec, PassageEffect,
+    PitchError, RailSpec, SpanEffect, TightJoint, sensors,
 };
 use crate::diag::last_name;
 use crate::effects::{
-    Effect, On, Parameter, alternate_pitch, check_leak, gap_error, guide_compliance, guide_friction, joint_damping,
-    joint_stiffness, leak_gap, link_mass, oil_air, oil_viscosity, orifice_diameter, pin_friction, pitch_error,
-    span_damping, span_stiffness, sprocket_runout, tight_joint, tooth_pitch_error, wear_elongation,
+    Effect, On, Parameter, alternate_pitch, arm_compliance, check_leak, gap_error, guide_compliance, guide_friction,
+    joint_damping, joint_stiffness, leak_gap, link_mass, oil_air, oil_viscosity, orifice_diameter, pin_friction,
+    pitch_error, span_damping, span_stiffness, sprocket_runout, tight_joint, tooth_pitch_error, wear_elongation,
 };
 use crate::elements::hydraulics::MAX_PASSAGES;
 
@@ -22,6 +22,7 @@ pub(super) struct EffectTargets<'a> {
     /// Straight guides.
     pub(super) guides: &'a [&'a str],
     pub(super) rails: &'a [RailSpec],
+    pub(super) arms: &'a [ArmSpec],
     pub(super) oil: Option<&'a OilSpec>,
     /// Of chains of spans.
     pub(super) spans: &'a [String],
@@ -42,6 +43,7 @@ pub(super) fn read_effects(
     effects.joint_stiffness_share = of_all(t, &joint_stiffness::ROW, "chain");
     effects.joint_damping_n_s_per_m = of_all(t, &joint_damping::ROW, "chain");
     read_guide_effects(t, targets, &mut effects);
+    read_arm_effects(t, targets.arms, &mut effects);
     read_oil_effects(t, targets.oil, &mut effects);
     read_span_effects(t, targets.spans, &mut effects);
     let signals = sensors::signals(t, sensors);
@@ -86,9 +88,7 @@ fn read_gap_effects(t: &TomlTable<'_>, sprockets: &[String], effects: &mut Effec
 pub(super) fn parameters(t: &TomlTable<'_>, effect: &Effect, slides: bool) -> Vec<f64> {
     let value = |p: &Parameter| {
         let key = if slides { p.sliding_key } else { p.key };
-        // Orders may be halves.
-        let is_integer = p.kind.is_whole() && p.low == libm::trunc(p.low);
-        match (is_integer, p.default) {
+        match (p.is_integer(), p.default) {
             (false, Some(default)) => t.number(key, p.unit, p.range()).unwrap_or(default * p.unit),
             (false, None) => t.required(key, p.unit, p.range()),
             (true, Some(default)) => t.integer(key, p.low as i64..=p.high as i64).map_or(default, |n| n as f64),
@@ -177,6 +177,26 @@ fn read_guide_effects(t: &TomlTable<'_>, targets: EffectTargets<'_>, effects: &m
         }
         table.finish();
     }
+}
+
+/// Effects on arms, by their names.
+fn read_arm_effects(t: &TomlTable<'_>, arms: &[ArmSpec], effects: &mut Effects) {
+    let table = t.table(arm_compliance::ROW.name);
+    for (arm, t) in table.tables_or_set() {
+        let [compliance_rad_per_nm, back_share, damping_ratio] = numbers(&t, &arm_compliance::ROW);
+        if arms.iter().all(|a| a.name != arm) {
+            let known: Vec<&str> = arms.iter().map(|a| a.name.as_str()).collect();
+            let known = if known.is_empty() { "there is none".into() } else { format!("arms: {}", known.join(", ")) };
+            t.error(format!("no arm is called `{arm}`"), Some(known));
+        }
+        // One without compliance is rigid.
+        if compliance_rad_per_nm > 0.0 {
+            let path = t.path().to_string();
+            effects.arms.push(ArmEffect { path, arm, compliance_rad_per_nm, back_share, damping_ratio });
+        }
+        t.finish();
+    }
+    table.finish();
 }
 
 /// Effects on oil, and on passages by their names.

@@ -119,6 +119,7 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
         sprockets: &names,
         guides: &guide_names[..guides.len()],
         rails: &rails,
+        arms: &arms,
         oil: oil.as_ref(),
         spans: &of_spans,
     };

@@ -9,6 +9,7 @@
 //! are SI.
 
 pub mod alternate_pitch;
+pub mod arm_compliance;
 pub mod backlash;
 pub mod check_leak;
 pub mod clock_drift;
@@ -84,6 +85,8 @@ pub enum On {
     Joints,
     /// A straight guide or a rail.
     Guide,
+    /// An arm that carries rails.
+    Arm,
     /// An annular gap that oil leaks through.
     Leak,
     /// A hole that oil flows through.
@@ -112,6 +115,7 @@ impl On {
             On::Chain => "the chain (any name)",
             On::Joints => "the chain's joints (`chain`)",
             On::Guide => "a guide",
+            On::Arm => "a tensioner arm",
             On::Leak => "a leak gap of oil",
             On::Orifice => "an orifice of oil",
             On::Check => "a check valve",
@@ -299,6 +303,11 @@ impl Parameter {
     pub const fn on_links(mut self, other: &'static Parameter) -> Parameter {
         self.on_links = Some(other);
         self
+    }
+
+    /// Whether only integers make sense: orders whose range begins with a half may be halves, as those of four-stroke engines are.
+    pub fn is_integer(&self) -> bool {
+        self.kind.is_whole() && self.low == libm::trunc(self.low)
     }
 
     /// What a file may say, in the key's unit.
@@ -529,7 +538,7 @@ impl PartialEq for Effect {
 }
 
 /// The catalogue. Effects on sensors are in the order in which a signal passes them.
-pub const EFFECTS: [&Effect; 59] = [
+pub const EFFECTS: [&Effect; 60] = [
     &sprocket_runout::ROW,
     &tooth_pitch_error::ROW,
     &gap_error::ROW,
@@ -549,6 +558,7 @@ pub const EFFECTS: [&Effect; 59] = [
     &backlash::ROW,
     &guide_compliance::ROW,
     &guide_friction::ROW,
+    &arm_compliance::ROW,
     &leak_gap::ROW,
     &orifice_diameter::ROW,
     &check_leak::ROW,

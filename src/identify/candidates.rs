@@ -25,6 +25,8 @@ pub struct Hypothesis {
     pub scales: Vec<f64>,
     /// Whether each record also determines the place of the effect.
     pub has_place: bool,
+    /// Whether its phase is the same in all records, because parts of the drive tell them where it stands.
+    pub one_phase: bool,
     /// Number of parameters that each segment has for this effect: its internal state at the start, and the initial
     /// state of an added body. For pulse data, whose segments are many and short, an added body starts in the state of
     /// the body it is attached to.
@@ -65,6 +67,7 @@ impl Hypothesis {
             .iter()
             .map(|r| match r.kind {
                 Kind::Amplitude | Kind::Shape | Kind::PerMark => 1,
+                Kind::Phase if self.one_phase => 1,
                 Kind::Phase => records,
                 Kind::Whole | Kind::Index | Kind::Start | Kind::Given | Kind::Tried => 0,
             })
@@ -219,7 +222,9 @@ impl Sizes {
         let mut all = row.starts.to_vec();
         if row.key == "order" {
             let standing = body.and_then(|b| self.orders.get(b)).into_iter().flatten();
-            all.extend(standing.filter(|n| (row.low..=row.high).contains(*n) && !row.starts.contains(n)));
+            let is_one = |n: f64| !row.is_integer() || n == libm::trunc(n);
+            let fits = |n: &&f64| (row.low..=row.high).contains(*n) && is_one(**n);
+            all.extend(standing.filter(fits).filter(|n| !row.starts.contains(n)));
         }
         all
     }
@@ -478,7 +483,8 @@ pub fn all(
                     values,
                     rows: rows.clone(),
                     scales,
-                    has_place: m.has_place(effect),
+                    has_place: m.has_place(effect, target),
+                    one_phase: m.period_pitches().is_some(),
                     own_locals,
                 };
                 let there = m.placed.iter().any(|p| {
@@ -631,8 +637,10 @@ pub fn with_hypothesis<'a>(
             Kind::Whole | Kind::Index | Kind::Given | Kind::Tried => continue,
         };
         if row.kind == Kind::Phase {
-            for (record, phase) in phases.iter().enumerate() {
-                next.globals.push(Global { slot: *slot, record: Some(record), law, prior: None });
+            let own = if h.one_phase { &phases[..1] } else { &phases[..] };
+            for (record, phase) in own.iter().enumerate() {
+                let record = (!h.one_phase).then_some(record);
+                next.globals.push(Global { slot: *slot, record, law, prior: None });
                 point.globals.push(law.scaled(*phase));
             }
         } else {

@@ -123,8 +123,12 @@ pub fn diagnose(model: &FittedModel, threads: usize) -> Diagnosis {
 const HIGHEST_SCREENED: usize = 64;
 const SCREENED_ORDERS: usize = 3;
 
-/// For every body the whole orders that stand out of the residuals of some channel, the strongest first. Nothing for pulses and for
-/// drives whose links are bodies: their orders are those of teeth, marks and loops.
+/// Half orders up to this one are looked for in drives whose links are bodies: those of an engine's cylinders, below those of teeth.
+const HIGHEST_HALF: usize = 24;
+
+/// For every body the whole orders that stand out of the residuals of some channel, the strongest first; of drives whose links are bodies half
+/// orders too, where orders, valves or defects are declared already. Nothing for pulses and for other drives with links: their orders are those of
+/// teeth, marks and loops.
 pub(super) fn standing_orders(model: &FittedModel, threads: usize) -> Vec<Vec<f64>> {
     let problem = &model.problem;
     let m = &problem.machine;
@@ -132,7 +136,12 @@ pub(super) fn standing_orders(model: &FittedModel, threads: usize) -> Vec<Vec<f6
     let fitting: Vec<usize> =
         (0..problem.data.segments.len()).filter(|k| problem.data.segments[*k].judge_from > 0).collect();
     let is_timed = |k: &usize| matches!(problem.data.segments[*k].task.samples, Samples::Times { .. });
-    if m.period_pitches().is_some() || !fitting.iter().all(is_timed) {
+    let (step, highest) = match m.period_pitches() {
+        None => (1.0, HIGHEST_SCREENED),
+        Some(period) if period.recurs > period.alike => (0.5, HIGHEST_HALF),
+        Some(_) => return found,
+    };
+    if !fitting.iter().all(is_timed) {
         return found;
     }
     let turning: Vec<usize> =
@@ -150,19 +159,19 @@ pub(super) fn standing_orders(model: &FittedModel, threads: usize) -> Vec<Vec<f6
         })
         .collect();
     for (i, body) in turning.iter().enumerate() {
-        let of_part = |c: usize, p: usize| lines(&parts[p], i, c, (1.0, 1.0, HIGHEST_SCREENED));
+        let of_part = |c: usize, p: usize| lines(&parts[p], i, c, (step, step, highest));
         let of_channel = |c: usize| parallel(parts.len(), threads, |p| of_part(c, p));
         let by_channel: Vec<Vec<Vec<Option<Line>>>> = (0..channels.len()).map(of_channel).collect();
-        let largest = |order: usize| {
+        let largest = |which: usize| {
             let share = |(c, (whole, effective)): (usize, &(f64, f64))| {
-                let own: Vec<f64> = by_channel[c].iter().filter_map(|lines| lines[order - 1]).map(|l| l.0).collect();
+                let own: Vec<f64> = by_channel[c].iter().filter_map(|lines| lines[which]).map(|l| l.0).collect();
                 let share = own.iter().sum::<f64>() / whole;
                 let by_chance = 2.0 * own.len() as f64 / effective;
                 if share > MIN_SHARE && share > CHANCE_FACTOR * by_chance { share } else { 0.0 }
             };
             channels.iter().enumerate().map(share).fold(0.0, f64::max)
         };
-        let shares = (1..=HIGHEST_SCREENED).map(|order| (largest(order), order as f64));
+        let shares = (0..highest).map(|i| (largest(i), step * (i + 1) as f64));
         let mut own: Vec<(f64, f64)> = shares.filter(|(share, _)| *share > 0.0).collect();
         own.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.total_cmp(&b.1)));
         found[*body] = own.into_iter().take(SCREENED_ORDERS).map(|(_, order)| order).collect();

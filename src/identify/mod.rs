@@ -20,6 +20,7 @@ pub mod diagnosis;
 pub mod drifting;
 #[doc(hidden)]
 pub mod fit;
+mod input_noise;
 #[doc(hidden)]
 pub mod inverse;
 #[doc(hidden)]

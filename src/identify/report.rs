@@ -6,6 +6,7 @@ use super::by_direction::{FrictionByDirection, friction_by_direction};
 use super::declared::DEFAULT_SPREAD;
 use super::diagnosis::Diagnosis;
 use super::drifting::VaryingNumber;
+use super::input_noise::moved_by_input_noise;
 use super::inverse::InverseDynamics;
 use super::judge::Residuals;
 use super::model::{EXPLAINED, FittedModel, NOTHING_LEFT, placed_path, standard_error, standard_errors_off};
@@ -333,6 +334,7 @@ fn numbers(
     data: &Data,
     globals: impl Iterator<Item = usize>,
     nameplates: &[f64],
+    moved: &[f64],
 ) -> Vec<FittedNumber> {
     globals
         .map(|g| {
@@ -341,6 +343,7 @@ fn numbers(
             let x = model.fit.point.globals[g];
             let value = global.law.value(x);
             let se = standard_errors_off(model, g) * standard_error(model, g);
+            let se = libm::hypot(se, moved.get(g).copied().unwrap_or(0.0));
             let se = se * if global.law.logarithm { value.abs() } else { global.law.scale };
             let nameplate = nameplates.get(global.slot).copied();
             let (low, high) = global.law.bounds();
@@ -451,7 +454,7 @@ fn to_usual_form(effect: &Effect, parameters: &mut [FittedNumber]) {
     parameters.iter_mut().zip(wave).for_each(|(n, usual)| n.value = usual.value);
 }
 
-fn effect(found: &AcceptedResult, which: usize, data: &Data) -> NamedEffect {
+fn effect(found: &AcceptedResult, which: usize, data: &Data, moved: &[f64]) -> NamedEffect {
     let best = &found.best;
     let h: &Hypothesis = &best.effects[which];
     let path = placed_path(best, which);
@@ -461,7 +464,7 @@ fn effect(found: &AcceptedResult, which: usize, data: &Data) -> NamedEffect {
     // A record that takes no part in the fit has a phase of its own, which is no result.
     let fits = |r: usize| best.problem.data.segments.iter().any(|s| s.record == r && s.judge_from > 0);
     let globals = globals.filter(|g| best.problem.globals[*g].record.is_none_or(fits));
-    let mut parameters = numbers(best, data, globals, &[]);
+    let mut parameters = numbers(best, data, globals, &[], moved);
     to_usual_form(h.effect, &mut parameters);
     let standard_error = parameters.first().map_or(0.0, |p| p.standard_error);
     // Integers and tried shapes belong to the hypothesis, and to the drive file.
@@ -520,7 +523,8 @@ fn effect(found: &AcceptedResult, which: usize, data: &Data) -> NamedEffect {
 /// Assembles the report. The caller adds how the search ended.
 pub fn report(measurement: &Measurement, data: &Data, found: &AcceptedResult) -> IdentificationReport {
     let best = &found.best;
-    let effects: Vec<NamedEffect> = (0..best.effects.len()).map(|i| effect(found, i, data)).collect();
+    let moved = moved_by_input_noise(best, best.threads);
+    let effects: Vec<NamedEffect> = (0..best.effects.len()).map(|i| effect(found, i, data, &moved)).collect();
     let noise_floor = floors(best, data);
     let explained = noise_floor.iter().all(|f| f.reached);
     let collisions = structure::collisions_of(&found.declared.problem.machine);
@@ -552,8 +556,8 @@ pub fn report(measurement: &Measurement, data: &Data, found: &AcceptedResult) ->
         outcome,
         error_before: errors(found.declared.residuals(), data),
         error_after: errors(best.residuals(), data),
-        numbers_before: numbers(&found.declared, data, 0..n_declared, &machine.values),
-        numbers_after: numbers(best, data, 0..n_declared, &machine.values),
+        numbers_before: numbers(&found.declared, data, 0..n_declared, &machine.values, &[]),
+        numbers_after: numbers(best, data, 0..n_declared, &machine.values, &moved),
         correlations: correlations(best),
         error_budget: budget(found),
         transfer: transfer(found, data),

@@ -60,12 +60,19 @@ pub struct PitchPeriod {
     pub whole: u32,
     /// If all links and teeth of each part were alike: a share of the whole.
     pub alike: u32,
+    /// After which the drive, as its file has it, looks as before: a share of the whole, `alike` where no part of it differs from its neighbours.
+    pub recurs: u32,
 }
 
 impl PitchPeriod {
     /// Number of places of a single link, joint or tooth that a record can start at, `alike` pitches apart.
     pub fn places(self) -> u32 {
         (self.whole / self.alike.max(1)).max(1)
+    }
+
+    /// Number of places that what the file does not have may take beside what it has, `recurs` pitches apart.
+    pub fn places_beside_declared(self) -> u32 {
+        (self.whole / self.recurs.max(1)).max(1)
     }
 }
 
@@ -114,7 +121,7 @@ pub trait Fidelity: std::fmt::Debug + Send + Sync {
     fn room_for(&self, m: &Machine, effect: &Effect, target: Target, path: &str) -> RoomForEffect;
 
     /// Whether an effect is at a place on the loop that each record determines for itself, by where it starts.
-    fn has_place(&self, effect: &Effect) -> bool;
+    fn has_place(&self, m: &Machine, effect: &Effect, target: Target) -> bool;
 
     /// Whether an effect is looked at with its starting values, because a small one is lost in what does not repeat itself.
     fn shows_at_start_alone(&self, effect: &Effect) -> bool;

@@ -68,7 +68,7 @@ impl LinkedDrive {
         for p in m.placed.iter().filter(|p| !is_signal(p.effect)) {
             for ((key, row), slot) in m.keys(p.effect, p.target).iter().zip(&p.slots) {
                 let value = values[*slot] / row.unit;
-                let value = if row.kind.is_whole() { libm::round(value) } else { value };
+                let value = if row.is_integer() { libm::round(value) } else { value };
                 all.push((format!("{}.{key}", p.path), value));
             }
         }
@@ -87,7 +87,10 @@ impl LinkedDrive {
         runs.fetch_add(1, Ordering::Relaxed);
         let drive = self.drive.with_numbers(&numbers).map_err(ResponseError::Drive);
         let (alike, pitches) = (self.period.alike, self.pitches(m));
-        let response = Arc::new(drive.and_then(|drive| PeriodicResponse::of(&drive, alike, pitches, &self.records)));
+        // An effect's numbers may make its own period longer: half an order takes two turns.
+        let repeats = |drive: &Drive| lcm(pitches, PeriodOfDrive::of(drive).declared);
+        let run = |drive: Drive| PeriodicResponse::of(&drive, alike, repeats(&drive), &self.records);
+        let response = Arc::new(drive.and_then(run));
         if let Ok(mut known) = self.known.lock() {
             known.insert(key, response.clone());
         }
@@ -112,6 +115,7 @@ impl LinkedDrive {
                 let guides = guides.filter(|(k, _)| *effect == guide_friction::ROW || held(Carried::Guide(*k)));
                 guides.map(|(_, g)| g.name.clone()).chain(rails.map(|(_, r)| r.name.clone())).collect()
             }
+            Some(On::Arm) => self.drive.arms.iter().map(|a| a.name.clone()).collect(),
             Some(On::Leak) => passages(&|law| matches!(law, PassageLaw::Leak { .. })),
             Some(On::Orifice) => passages(&|law| matches!(law, PassageLaw::Orifice { .. })),
             Some(On::Check) => passages(&|law| matches!(law, PassageLaw::Check(_))),
@@ -232,15 +236,16 @@ impl Fidelity for LinkedDrive {
             Some(On::Span) => m.spans.iter().enumerate().map(|(i, s)| (s.name.clone(), Target::Span(i))).collect(),
             Some(On::Body) => bodies(&|b| b.motion == BodyMotion::Free && first_of_shaft(b)),
             Some(On::Prescribed) => bodies(&|b| b.motion != BodyMotion::Free && first_of_shaft(b)),
-            Some(On::Guide | On::Leak | On::Orifice | On::Check | On::Oil) => self.parts(effect),
+            Some(On::Guide | On::Arm | On::Leak | On::Orifice | On::Check | On::Oil) => self.parts(effect),
             Some(On::Input | On::Sensor | On::AngleSensor | On::Pickup) | None => Vec::new(),
         }
     }
 
-    /// The position of a sprocket or the chain at the start of a record is found as the record's travel, so that effects on links
-    /// have no phase of their own.
+    /// Where all parts of the drive are alike, the position of a sprocket or the chain at the start of a record is found as the record's travel, so
+    /// that effects on them have no phase of their own. Beside declared orders, valves or defects, they have one.
     fn accepts(&self, effect: &Effect, p: &Parameter) -> bool {
-        is_signal(effect) || (p.kind != Kind::Phase && !p.lumped_only)
+        let has_phase = self.period.recurs > self.period.alike && effect.differs_round_turn();
+        is_signal(effect) || !p.lumped_only && (p.kind != Kind::Phase || has_phase)
     }
 
     fn slider_of(&self, m: &Machine, sensor: usize) -> Option<usize> {
@@ -274,8 +279,8 @@ impl Fidelity for LinkedDrive {
                 "with it the drive comes back to where it was only after more than ten seconds",
             );
         }
-        let has_place = self.has_place(effect);
-        if has_place && m.placed.iter().any(|p| self.has_place(p.effect)) {
+        let has_place = self.has_place(m, effect, target);
+        if has_place && m.placed.iter().any(|p| self.has_place(m, p.effect, p.target)) {
             return RoomForEffect::Refused(
                 "only one effect with a place on the loop at a time: its position relative to a second one is not searched",
             );
@@ -288,8 +293,10 @@ impl Fidelity for LinkedDrive {
         RoomForEffect::Free
     }
 
-    fn has_place(&self, effect: &Effect) -> bool {
-        effect.links == Some(On::Chain) || effect.differs_round_turn()
+    /// Unless the drive, as it is declared, looks the same only after whole turns of what the effect is on.
+    fn has_place(&self, m: &Machine, effect: &Effect, target: Target) -> bool {
+        let is_somewhere = effect.links == Some(On::Chain) || effect.differs_round_turn();
+        is_somewhere && !self.period.recurs.is_multiple_of(self.own_period(m, effect, target))
     }
 
     fn shows_at_start_alone(&self, effect: &Effect) -> bool {
@@ -297,7 +304,7 @@ impl Fidelity for LinkedDrive {
     }
 
     fn period_pitches(&self, m: &Machine) -> Option<PitchPeriod> {
-        Some(PitchPeriod { whole: self.pitches(m), alike: self.period.alike })
+        Some(PitchPeriod { whole: self.pitches(m), alike: self.period.alike, recurs: self.period.recurs })
     }
 
     /// Links and teeth that lie as far apart as a start of a record can move them are the same. In a drive with one chain two differ.
@@ -305,11 +312,11 @@ impl Fidelity for LinkedDrive {
         let (first, passed, all) = match target {
             Target::Chain(c) => {
                 let chain = &m.chains[c];
-                (chain.first_link, self.period.pitches[c].scaled(self.period.alike, 1), chain.links)
+                (chain.first_link, self.period.pitches[c].scaled(self.period.recurs, 1), chain.links)
             }
             Target::Body(b) => {
                 let teeth = m.bodies[b].teeth?;
-                (0, self.period.turns[b]?.0.scaled(teeth * self.period.alike, 1), teeth)
+                (0, self.period.turns[b]?.0.scaled(teeth * self.period.recurs, 1), teeth)
             }
             Target::Spring(_) | Target::Input(_) | Target::Sensor(_) | Target::Part(_) | Target::Span(_) => {
                 return None;

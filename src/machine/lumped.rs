@@ -76,7 +76,7 @@ impl Fidelity for Lumped {
                     Vec::new()
                 }
             }
-            On::Guide | On::Leak | On::Orifice | On::Check | On::Oil => Vec::new(),
+            On::Guide | On::Arm | On::Leak | On::Orifice | On::Check | On::Oil => Vec::new(),
             On::Input => {
                 let all = m.inputs.iter().enumerate();
                 all.filter(|(_, i)| matches!(i.kind, InputKind::Force(_)))
@@ -112,7 +112,7 @@ impl Fidelity for Lumped {
         RoomForEffect::Free
     }
 
-    fn has_place(&self, _effect: &Effect) -> bool {
+    fn has_place(&self, _m: &Machine, _effect: &Effect, _target: Target) -> bool {
         false
     }
 

@@ -396,8 +396,8 @@ impl Machine {
         self.fidelity.room_for(self, effect, target, path)
     }
 
-    pub(crate) fn has_place(&self, effect: &Effect) -> bool {
-        self.fidelity.has_place(effect)
+    pub(crate) fn has_place(&self, effect: &Effect, target: Target) -> bool {
+        self.fidelity.has_place(self, effect, target)
     }
 
     pub(crate) fn shows_at_start_alone(&self, effect: &Effect) -> bool {

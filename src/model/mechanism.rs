@@ -2,9 +2,10 @@
 
 use super::{ArmModel, Model, PlacedDrive};
 use crate::drive::mechanism::{CheckSpec, OilSpec, PassageLaw, PistonSpec, RatchetSpec, SliderSpec};
-use crate::drive::{Drive, PreloadSpec};
+use crate::drive::{ArmEffect, Drive, PreloadSpec};
 use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
+use crate::elements::coupling::Coupling;
 use crate::elements::hydraulics::{Chamber, Network, Passage, PassageEnd, Reservoir};
 use crate::elements::passage::{CheckBall, FlowLaw, Orifice};
 use crate::geometry::{rotated, unit};
@@ -42,6 +43,7 @@ pub(super) fn build_arms(drive: &Drive, placed: &PlacedDrive, coordinates: &mut 
             name: spec.name.clone(),
             pivot: spec.pivot,
             coordinate: coordinates.len(),
+            back: coordinates.len(),
             start_rad: if drive.preload == PreloadSpec::Arm(index) { placed.turn_rad } else { 0.0 },
         });
         coordinates.push(Coordinate {
@@ -234,6 +236,31 @@ impl Model {
             }
         }
         self.oil = Some(network);
+    }
+
+    /// Makes a coordinate the back of an arm that gives way: it gets its share of the arm's inertia, the arm's spring, and what presses on the arm.
+    pub(super) fn split_arm(&mut self, spec: &ArmEffect, back: usize) {
+        let Some(arm) = self.arms.iter_mut().find(|a| a.name == spec.arm) else { return };
+        let rails = std::mem::replace(&mut arm.back, back);
+        let whole = &mut self.coordinates[rails];
+        let inertia = 1.0 / whole.inverse_inertia();
+        let share = spec.back_share * inertia;
+        whole.add_inertia(-share);
+        let (spring, reach_m) = (std::mem::take(&mut whole.spring), whole.reach_m);
+        let own = &mut self.coordinates[back];
+        own.add_inertia(share);
+        (own.spring, own.reach_m) = (spring, reach_m);
+        for touch in &mut self.touches {
+            touch.shape = touch.shape.clone().renumbered(|q| if q == rails { back } else { q });
+        }
+        let stiffness = 1.0 / spec.compliance_rad_per_nm;
+        let reduced = share * (1.0 - spec.back_share);
+        self.couplings.push(Coupling {
+            path: spec.path.clone(),
+            ends: [rails, back],
+            stiffness_nm_per_rad: stiffness,
+            damping_nm_s_per_rad: 2.0 * spec.damping_ratio * (stiffness * reduced).sqrt(),
+        });
     }
 
     /// Puts the pawls of ratchets in.

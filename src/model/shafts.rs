@@ -34,6 +34,10 @@ impl Model {
             s.mode_paths().zip(s.shaft.discs()).map(|(path, disc)| free_shaft(path, inertia(disc))).collect()
         };
         added.extend(drive.elastic_shafts.iter().flat_map(modes));
+        let first_back = first + added.len();
+        // Their inertia is a share of the arm's, see [`Model::split_arm`].
+        let massless = OuterSpec::Load { inertia_kg_m2: 0.0, torque_nm: 0.0 };
+        added.extend(drive.effects.arms.iter().map(|a| free_shaft(a.path.clone(), massless)));
         self.make_room(first, added.len());
         self.coordinates.splice(first..first, added);
         let coordinate = |m: Moving, model: &Model| match m {
@@ -67,6 +71,9 @@ impl Model {
                 });
                 disc += 1;
             }
+        }
+        for (back, spec) in (first_back..).zip(&drive.effects.arms) {
+            self.split_arm(spec, back);
         }
         self.spread_nominal_speeds();
         for l in &drive.train.loads {

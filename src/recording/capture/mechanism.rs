@@ -202,7 +202,7 @@ fn arm_body(model: &Model, arm: &ArmModel) -> BodyInfo {
         (None, None) | (Some(_), None) | (None, Some(_)) => (Vec2::zeros(), Vec2::new(1.0, 0.0)),
     };
     let mut pads: Vec<Element> =
-        model.touches.iter().filter_map(|t| pad_of(&t.shape, arm.coordinate)).map(|p| facing_back(p, along)).collect();
+        model.touches.iter().filter_map(|t| pad_of(&t.shape, arm.back)).map(|p| facing_back(p, along)).collect();
     pads.sort_by(|a, b| b.start().dot(&along).total_cmp(&a.start().dot(&along)));
     let side = |p: Vec2| cross(along, p - from);
     let is_between = |pad: &Element| [pad.start(), pad.end()].iter().all(|p| side(*p) * side(Vec2::zeros()) > 0.0);
@@ -210,7 +210,7 @@ fn arm_body(model: &Model, arm: &ArmModel) -> BodyInfo {
     elements.extend(between);
     let pivot = Element::Line { start: Vec2::zeros(), end: Vec2::zeros() };
     elements.extend(beside.into_iter().flat_map(|pad| [pivot, pad]));
-    let [low_stop, high_stop] = stops(model, arm.coordinate);
+    let [low_stop, high_stop] = stops(model, arm.back);
     BodyInfo {
         path: format!("arms.{}", arm.name),
         coordinate: Some(arm.coordinate as u32),

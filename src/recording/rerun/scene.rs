@@ -417,10 +417,12 @@ fn log_curve_names(stream: &RecordingStream, header: &Header) -> Result<()> {
     }
     stream.log_static("plots/largest_contact_force", &named(forces))?;
     stream.log_static("plots/joint_tension", &named(vec!["largest [N]".to_owned(), "smallest [N]".to_owned()]))?;
-    let turning = header
-        .coordinates
-        .iter()
-        .map(|path| path.strip_prefix("elastic_shafts.").unwrap_or_else(|| crate::diag::last_name(path)));
+    let turning = header.coordinates.iter().map(|path| {
+        ["elastic_shafts.", "effects."]
+            .iter()
+            .find_map(|own| path.strip_prefix(own))
+            .unwrap_or_else(|| crate::diag::last_name(path))
+    });
     stream.log_static("plots/speed", &named(turning.map(|name| format!("{name} [1/min]")).collect()))?;
     for (unit, sensors) in sensors_by_unit(header) {
         let name = |k: &usize| format!("{} [{unit}]", header.sensors[*k].path.trim_start_matches("sensors."));
