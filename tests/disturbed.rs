@@ -135,6 +135,22 @@ fn friction_behind_a_noisy_torque_in_a_closed_loop_is_explained_by_prediction() 
     assert!((0.07..0.14).contains(&unmeasured), "{prediction:?}");
 }
 
+/// Noise of the measured torque makes an inertia too large, and no residual shows by how much: its interval is wide enough to hold the truth.
+#[test]
+fn the_interval_of_an_inertia_holds_what_noise_of_the_torque_may_hide() {
+    for (torque, speed) in [(0.1, 0.02), (0.6, 0.1), (2.0, 0.3)] {
+        let disc = Disc { friction: &|_| 0.4, noise: (torque, speed), is_controlled: true, ..PLAIN };
+        let r = report(&disc, "");
+        let found = &r.numbers_after[0];
+        let off = (found.value - INERTIA) / INERTIA;
+        println!("noise {torque} N m: {:.2} % +- {:.2} %", 100.0 * off, 100.0 * found.standard_error / INERTIA);
+        assert!(off.abs() < 1.96 * found.standard_error / INERTIA, "{found:?}");
+    }
+    let exact = Disc { friction: &|_| 0.4, noise: (0.0, 0.02), is_controlled: true, ..PLAIN };
+    let found = &report(&exact, "").numbers_after[0];
+    assert!(found.standard_error < 2e-3 * INERTIA, "{found:?}");
+}
+
 /// The same torque known exactly: the simulation explains the records, and nothing is predicted.
 #[test]
 fn an_exact_torque_needs_no_prediction() {

@@ -643,9 +643,21 @@ fn what_is_left_is_told_by_order_and_speed() {
 fn a_budget_ends_the_search_and_what_was_found_is_said() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = rotor_with_friction(folder.path(), 0.4, 0.15);
-    let r = identified(&path, 1, Budget { runs: Some(60), seconds: None }).expect("identified");
-    assert!(r.budget_spent);
-    assert!(pitchline::identify::text::text(&r).contains("PARTIAL"));
+    let whole = identified(&path, 1, ALL).expect("identified");
+    let mut ended_early = 0;
+    for runs in [60, 300, 1000, 3000, 10_000] {
+        let r = identified(&path, 1, Budget { runs: Some(runs), seconds: None }).expect("identified");
+        println!("{runs}: {} runs, {:?}", r.model_runs, r.outcome);
+        // A fit that runs is no longer than some hundred runs.
+        assert!(r.model_runs <= runs + 600, "{} of {runs}", r.model_runs);
+        if r.model_runs < whole.model_runs {
+            assert!(r.budget_spent && pitchline::identify::text::text(&r).contains("PARTIAL"), "{runs}");
+            ended_early += 1;
+        } else {
+            assert_eq!((r.budget_spent, r.outcome), (false, whole.outcome));
+        }
+    }
+    assert!(ended_early >= 3, "{} runs are all", whole.model_runs);
 }
 
 #[test]

@@ -4,7 +4,9 @@
 #[path = "links/mod.rs"]
 mod links;
 
-use links::{CASES, REDUCTION_CASES, TENSIONER_CASES, bush, identified, one_chain, reduction, tensioner, write};
+use links::{
+    CASES, Case, REDUCTION_CASES, Rig, TENSIONER_CASES, bush, identified, one_chain, reduction, tensioner, write,
+};
 use pitchline::identify::report::IdentificationVerdict;
 
 /// A drive whose tooth counts divide its link count: 20 and 40 teeth, 120 links.
@@ -105,4 +107,46 @@ fn a_check_valve_that_leaks_is_named() {
     assert_eq!((r.outcome, found), (IdentificationVerdict::Named, vec![case.path]), "{:?}", r.effects);
     let size = r.effects[0].parameters.iter().find(|p| p.path.ends_with("area_mm2")).expect("its size").value;
     assert!((size / 0.2 - 1.0).abs() < 0.1, "{size}");
+}
+
+/// A driver whose file has order 2 of its speed, and which really has order 1.5 too: the declared order says where the driver stands, so the other
+/// one has a phase, the same in all records. The order is none of the catalogue's: it stands out of what is left.
+#[test]
+fn an_order_beside_a_declared_one_is_named_with_its_phase() {
+    let text =
+        bush().replace("speed_rpm = 3000", "orders = [2]\namplitudes_deg = [0.2]\nphases_deg = [30]\nspeed_rpm = 3000");
+    let case = Case {
+        name: "order 1.5 beside order 2",
+        both: &[],
+        truth: &[
+            "effects.speed_fluctuation.driver.amplitude_percent=0.5",
+            "effects.speed_fluctuation.driver.phase_deg=70",
+            "effects.speed_fluctuation.driver.order=1.5",
+        ],
+        free: &[],
+        path: "effects.speed_fluctuation.driver",
+    };
+    let folder = tempfile::tempdir().expect("a folder");
+    let rig = Rig { only: &["speed_fluctuation", "gain_error"], ..one_chain(&text, &case) };
+    write(folder.path(), &rig, &case, 7);
+    let r = identified(folder.path(), 2).expect("identified");
+    println!("{}", pitchline::identify::text::text(&r));
+    let found: Vec<&str> = r.effects.iter().map(|e| e.path.as_str()).collect();
+    assert_eq!(found, [case.path]);
+    let number = |key: &str| {
+        let all = r.effects[0].parameters.iter().filter(|p| p.path.ends_with(key));
+        all.map(|p| p.value).collect::<Vec<f64>>()
+    };
+    let ([amplitude], [phase], [order]) =
+        (&number("amplitude_percent")[..], &number("phase_deg")[..], &number("order")[..])
+    else {
+        panic!("{:?}", r.effects[0].parameters)
+    };
+    assert!(
+        (amplitude - 0.5).abs() < 0.025 && (phase - 70.0).abs() < 5.0 && *order == 1.5,
+        "{amplitude} {phase} {order}"
+    );
+    for (before, after) in r.error_before.iter().zip(&r.error_after).filter(|(b, _)| b.record.is_none()) {
+        println!("{}: {:?} -> {:?} {}", before.channel, before.held_out, after.held_out, before.unit);
+    }
 }

@@ -7,16 +7,20 @@
 //! ```text
 //! moved = -C (dQ/dx) / 2       Q = sum of squares of what the noise adds to the residuals, C covariance of the numbers x
 //! ```
-//! How Q changes with a number is found from two runs, with the measured forces and with white noise added to them; how large Q is, from what of the
-//! residuals neighbouring samples share. A force that nobody measured leaves the same trace and moves nothing, and no
-//! record tells the two apart: so numbers are left where they are, and their standard errors are widened by how far they may have moved.
+//! How Q changes with a number is found from two runs, with the measured forces and with white noise added to them. How large Q is: of a simulation,
+//! whose errors add up, what of the residuals neighbouring samples share; of a prediction, what noise the forces themselves show beside
+//! a smooth course, but no more than the force that nobody measured. Such a force leaves the same trace and moves no number, and no record
+//! tells the two apart: so numbers are left where they are, and their standard errors are widened by how far they may have moved.
 
 use super::fit::{parallel, project_out};
 use super::model::{FittedModel, standard_error};
+use super::predict::unmeasured;
 use super::problem::Problem;
 use super::screen::local_basis;
+use super::stats;
 use crate::machine::InputKind;
 use crate::machine::simulate::Samples;
+use crate::measurement::facts;
 use crate::measurement::segments::Data;
 use crate::random::{SplitMix, normal_quantile};
 use nalgebra::DVector;
@@ -26,8 +30,7 @@ const ADDED: f64 = 1e-3;
 /// Standard errors of a correlation that count as chance.
 const CHANCE: f64 = 2.0;
 
-/// How far noise of the measured forces may have moved each global, scaled. Nothing where no force is measured, where residuals are white,
-/// or where a run is not of the model alone.
+/// How far noise of the measured forces may have moved each global, scaled. Nothing where no force is measured, or where nothing shows noise of it.
 pub(super) fn moved_by_input_noise(model: &FittedModel, threads: usize) -> Vec<f64> {
     let problem = &model.problem;
     let n = problem.globals.len();
@@ -36,15 +39,20 @@ pub(super) fn moved_by_input_noise(model: &FittedModel, threads: usize) -> Vec<f
     let parts: Vec<usize> = (0..model.fit.residuals.len()).filter(|k| !model.fit.residuals[*k].is_empty()).collect();
     let is_force = |i: usize| matches!(m.inputs[i].kind, InputKind::Force(_));
     let is_timed = |k: &usize| matches!(problem.data.segments[*k].task.samples, Samples::Times { .. });
-    let applies = m.period_pitches().is_none() && problem.correction == 0.0 && (0..m.inputs.len()).any(is_force);
+    let applies = m.period_pitches().is_none() && (0..m.inputs.len()).any(is_force);
     if !applies || !parts.iter().all(is_timed) || n == 0 || model.fit.covariance.nrows() != n {
         return none;
     }
-    let shared = shared_by_neighbours(model, &parts);
+    let predicts = problem.correction > 0.0;
+    let shared = if predicts { f64::NAN } else { shared_by_neighbours(model, &parts) };
     if shared <= 0.0 || problem.ending.is_due() {
         return none;
     }
-    let noisy = with_noise(problem.data, is_force);
+    let noise = |k: usize, input: usize| {
+        let series = &problem.data.segments[k].task.inputs[input];
+        if predicts { shown_noise(model, input, series) } else { ADDED * stats::rms(std::slice::from_ref(series)) }
+    };
+    let noisy = with_noise(problem.data, |k, input| if is_force(input) { noise(k, input) } else { 0.0 });
     let noisy = Problem { data: &noisy, ..problem.clone() };
     let bases = parallel(parts.len(), threads, |i| local_basis(problem, &model.fit.point, parts[i]));
     // Sum of squares of what the added noise does, with the globals at `x`.
@@ -59,6 +67,10 @@ pub(super) fn moved_by_input_noise(model: &FittedModel, threads: usize) -> Vec<f
     };
     let here = &model.fit.point.globals;
     let whole = added(here);
+    if whole <= 0.0 {
+        return none;
+    }
+    let real = if predicts { 1.0 } else { shared / whole };
     let slope = |g: usize| {
         let step = standard_error(model, g);
         let mut x = here.clone();
@@ -66,7 +78,7 @@ pub(super) fn moved_by_input_noise(model: &FittedModel, threads: usize) -> Vec<f
         if step > 0.0 { (added(&x) - whole) / step } else { 0.0 }
     };
     let slopes = DVector::from_iterator(n, (0..n).map(slope));
-    let moved = &model.fit.covariance * slopes * (0.5 * shared / whole);
+    let moved = &model.fit.covariance * slopes * (0.5 * real);
     moved.iter().map(|x| if x.is_finite() { x.abs() } else { 0.0 }).collect()
 }
 
@@ -88,14 +100,21 @@ fn shared_by_neighbours(model: &FittedModel, parts: &[usize]) -> f64 {
     (0..channels).map(of_channel).sum()
 }
 
-/// The data with white noise on its forces, the same in every run.
-fn with_noise(data: &Data, is_force: impl Fn(usize) -> bool) -> Data {
+/// Noise that a measured force shows beside a smooth course, of which no more acts on its body than the force that nobody measured.
+fn shown_noise(model: &FittedModel, input: usize, series: &[f64]) -> f64 {
+    let body = model.problem.machine.inputs[input].body;
+    let name = &model.problem.machine.bodies[body].name;
+    let unmeasured = unmeasured(model, model.problem.correction);
+    let share = unmeasured.iter().find(|f| f.body == *name).map_or(0.0, |f| f.size / f.noise_of_inputs.max(1e-300));
+    facts::noise_beside_smooth(series) * share.min(1.0)
+}
+
+/// The data with white noise on their inputs, the same in every run: `size` of it by segment and input.
+fn with_noise(data: &Data, size: impl Fn(usize, usize) -> f64) -> Data {
     let mut noisy = data.clone();
     for (k, segment) in noisy.segments.iter_mut().enumerate() {
-        for (i, series) in segment.task.inputs.iter_mut().enumerate().filter(|(i, _)| is_force(*i)) {
-            let mut random = SplitMix::of(&[k as u64, i as u64]);
-            let size = series.iter().map(|u| u * u).sum::<f64>() / series.len().max(1) as f64;
-            let size = ADDED * size.sqrt();
+        for (i, series) in segment.task.inputs.iter_mut().enumerate() {
+            let (mut random, size) = (SplitMix::of(&[k as u64, i as u64]), size(k, i));
             series.iter_mut().for_each(|u| *u += size * normal_quantile(random.uniform()));
         }
     }

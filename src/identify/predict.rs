@@ -494,7 +494,7 @@ fn step_of(data: &Data) -> f64 {
 
 /// The force from sample to sample for which a filter takes this share. With predictions that err by s: J s share / h where the speed is
 /// measured, J s speed_share / h^2 where the angle is.
-fn unmeasured(best: &FittedModel, share: f64) -> Vec<UnmeasuredForce> {
+pub(super) fn unmeasured(best: &FittedModel, share: f64) -> Vec<UnmeasuredForce> {
     let step_s = sample_step(&best.problem);
     let (problem, m) = (&best.problem, &best.problem.machine);
     let (values, _) = problem.numbers(0, &best.fit.point.globals, &best.fit.point.locals[0]);

@@ -110,16 +110,16 @@ impl LinearisedBase {
 
     /// An earlier screening of a hypothesis in a motion with a period, beside what this model has taken up since: its first amplitude, which has one
     /// column. `moved`: for every segment, where the earlier model began and where this one does [pitches]. Each keeps the place that it has found
-    /// since, moved on by whole periods of the drive as it is declared, which say where on the loop the effect lies.
+    /// since, moved on by whole periods of a drive with all links alike, which say where on the loop the effect lies.
     pub fn reused(
         &self,
         earlier: &ScreeningResult,
         h: &Hypothesis,
-        (moved, apart): (&[[f64; 2]], f64),
+        (moved, alike): (&[[f64; 2]], f64),
         range: (f64, f64),
     ) -> ScreeningResult {
         let columns: Vec<Vec<f64>> = earlier.columns.iter().map(|c| self.projected(c)).collect();
-        let on = |(place, [was, now]): (&f64, &[f64; 2])| now + apart * libm::round((place - was) / apart);
+        let on = |(place, [was, now]): (&f64, &[f64; 2])| now + alike * libm::round((place - was) / alike);
         let travels = earlier.fit_start.travels.iter().zip(moved).map(on).collect();
         let mut fit_start = FitStart { travels, ..earlier.fit_start.clone() };
         let mut gain = 0.0;
@@ -348,6 +348,8 @@ struct Pull {
     along: [f64; 2],
     /// Squares of both, and their product.
     size: [f64; 3],
+    /// Share of the cost that the place removes by itself.
+    gained: f64,
 }
 
 /// Product of two columns over those of their squares from which they are taken for one.
@@ -366,13 +368,14 @@ impl Pull {
     }
 
     fn is_finite(&self) -> bool {
-        self.along.iter().chain(&self.size).all(|x| x.is_finite())
+        self.along.iter().chain(&self.size).chain([&self.gained]).all(|x| x.is_finite())
     }
 
     fn sum(all: impl Iterator<Item = Pull>) -> Pull {
         all.fold(Pull::default(), |mut sum, p| {
             sum.along.iter_mut().zip(p.along).for_each(|(sum, x)| *sum += x);
             sum.size.iter_mut().zip(p.size).for_each(|(sum, x)| *sum += x);
+            sum.gained += p.gained;
             sum
         })
     }
@@ -380,7 +383,7 @@ impl Pull {
     /// Share of the cost that multiples of the columns remove.
     fn takes(&self, [x, y]: [f64; 2]) -> f64 {
         let ([a, b], [aa, bb, ab]) = (self.along, self.size);
-        -(2.0 * x * a + x * x * aa + (2.0 * y * b + y * y * bb + 2.0 * x * y * ab))
+        self.gained - (2.0 * x * a + x * x * aa + (2.0 * y * b + y * y * bb + 2.0 * x * y * ab))
     }
 
     /// How well the residual falls along a direction.
@@ -421,8 +424,7 @@ fn screen_on_loop(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypot
     let phases: &[f64] = if h.phase().is_some() { &[0.0, FRAC_PI_2] } else { &[0.0] };
     let with: Vec<Problem> = phases.iter().map(|phase| at_phase(*phase)).collect();
     let period = with[0].machine.period_pitches()?;
-    let places = if h.has_place { period.places_beside_declared() } else { 1 };
-    let apart = f64::from(period.recurs);
+    let (places, apart) = (if h.has_place { period.places() } else { 1 }, f64::from(period.alike));
     let travel = problem.locals.iter().position(|l| *l == Local::Travel)?;
     let globals = problem.snapped(&fit.point.globals);
     let alone: Vec<Vec<f64>> =
@@ -439,11 +441,24 @@ fn screen_on_loop(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypot
         };
         with.iter().map(column).collect()
     };
-    // For every segment and place.
+    let recurs_at = |place: u32| (place * period.alike).is_multiple_of(period.recurs);
+    // For every segment and place. What is declared stands elsewhere after some places too, and leaves something else there.
     let mut pulls: Vec<Vec<Pull>> = Vec::new();
     for at in 0..base.parts.len() {
-        let from = base.parts[at].1;
-        let of = |place: u32| Pull::of(&base.residual[from..], &columns(at, apart * f64::from(place), &alone[at]));
+        let (k, from) = base.parts[at];
+        let left_here = project_out(&alone[at], &base.local_bases[at]);
+        let of = |place: u32| {
+            let moved_on = apart * f64::from(place);
+            if recurs_at(place) {
+                return Pull::of(&base.residual[from..], &columns(at, moved_on, &alone[at]));
+            }
+            let mut locals = fit.point.locals[k].clone();
+            locals[travel] += moved_on;
+            let rest = problem.residuals(k, &globals, &locals);
+            let left = project_out(&rest, &base.local_bases[at]);
+            let gained = squares(&left_here) - squares(&left);
+            Pull { gained, ..Pull::of(&left, &columns(at, moved_on, &rest)) }
+        };
         let all: Vec<Pull> = (0..places).map(of).collect();
         if !all.iter().all(Pull::is_finite) {
             return None;
@@ -482,7 +497,7 @@ fn screen_on_loop(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypot
         let tried = (-20..=20).map(|i| {
             let mut locals = fit.point.locals[k].clone();
             let shift = FINE_PITCHES * f64::from(i);
-            locals[travel] += shift;
+            locals[travel] += shift + if recurs_at(*place) { 0.0 } else { apart * f64::from(*place) };
             let rest = problem.residuals(k, &globals, &locals);
             let changes = columns(at, shift + apart * f64::from(*place), &rest);
             let rest = project_out(&rest, &base.local_bases[at]);
@@ -493,8 +508,8 @@ fn screen_on_loop(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypot
             } else {
                 pull.takes(pull.best((f64::NEG_INFINITY, f64::INFINITY)))
             };
-            let left = rest.iter().map(|r| r * r).sum::<f64>() - taken;
-            (left, locals[travel] + apart * f64::from(*place), changes, rest)
+            let left = squares(&rest) - taken;
+            (left, fit.point.locals[k][travel] + shift + apart * f64::from(*place), changes, rest)
         });
         let (_, moved_to, changes, rest) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
         whole.iter_mut().zip(changes).for_each(|(whole, own)| whole.extend(own));
@@ -510,7 +525,7 @@ fn screen_on_loop(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypot
     if values[amplitude] == 0.0 {
         values[amplitude] = SMALL * h.values[amplitude];
     }
-    let left = rests.iter().map(|r| r * r).sum::<f64>() - pull.takes([x, y]);
+    let left = squares(&rests) - pull.takes([x, y]);
     let gain = (1.0 - left / f64::max(base.cost(), 1e-300)).max(0.0);
     // a sin(n q + phase) = a cos(phase) sin(n q) + a sin(phase) cos(n q)
     let phase = if y == 0.0 { 0.0 } else { crate::units::atan2(y, x) };
@@ -522,6 +537,10 @@ fn screen_on_loop(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypot
 fn multiples(h: &Hypothesis, amplitude: usize, (low, high): (f64, f64)) -> (f64, f64) {
     let ends = [low, high].map(|end| end * h.rows[amplitude].unit / h.values[amplitude]);
     (ends[0].min(ends[1]).max(-1e6), ends[0].max(ends[1]).min(1e6))
+}
+
+fn squares(column: &[f64]) -> f64 {
+    column.iter().map(|x| x * x).sum()
 }
 
 /// Product of two columns, and the square of the second.

@@ -530,10 +530,10 @@ fn screened_again(
     let travels = travels_of(model);
     let earlier_travels = earlier.map_or(&[][..], |e| &e.travels);
     let moved: Vec<[f64; 2]> = earlier_travels.iter().zip(&travels).map(|(was, now)| [*was, *now]).collect();
-    let apart = m.period_pitches().map_or(1.0, |p| f64::from(p.recurs));
+    let alike = m.period_pitches().map_or(1.0, |p| f64::from(p.alike));
     let again = |h: &Hypothesis| {
         let row = h.amplitudes().first().map(|i| h.rows[*i]).filter(|row| row.off == 0.0)?;
-        Some(base.reused(known(h)?, h, (&moved, apart), m.size_range(h.effect, h.target, row)))
+        Some(base.reused(known(h)?, h, (&moved, alike), m.size_range(h.effect, h.target, row)))
     };
     let mut reused: Vec<Option<ScreeningResult>> = hypotheses.iter().map(again).collect();
     let mut order: Vec<usize> = (0..reused.len()).filter(|i| reused[*i].as_ref().is_some_and(|p| !p.idle)).collect();

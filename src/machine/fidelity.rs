@@ -69,11 +69,6 @@ impl PitchPeriod {
     pub fn places(self) -> u32 {
         (self.whole / self.alike.max(1)).max(1)
     }
-
-    /// Number of places that what the file does not have may take beside what it has, `recurs` pitches apart.
-    pub fn places_beside_declared(self) -> u32 {
-        (self.whole / self.recurs.max(1)).max(1)
-    }
 }
 
 /// The part of a sensor's readings that differs from period to period, so that no model tells it (root mean square, SI).
