@@ -145,6 +145,7 @@ fn the_interval_of_an_inertia_holds_what_noise_of_the_torque_may_hide() {
         let off = (found.value - INERTIA) / INERTIA;
         println!("noise {torque} N m: {:.2} % +- {:.2} %", 100.0 * off, 100.0 * found.standard_error / INERTIA);
         assert!(off.abs() < 1.96 * found.standard_error / INERTIA, "{found:?}");
+        assert!(found.standard_error / INERTIA < 0.05 * torque.max(0.1), "{found:?}");
     }
     let exact = Disc { friction: &|_| 0.4, noise: (0.0, 0.02), is_controlled: true, ..PLAIN };
     let found = &report(&exact, "").numbers_after[0];

@@ -110,7 +110,7 @@ fn a_check_valve_that_leaks_is_named() {
 }
 
 /// A driver whose file has order 2 of its speed, and which really has order 1.5 too: the declared order says where the driver stands, so the other
-/// one has a phase, the same in all records. The order is none of the catalogue's: it stands out of what is left.
+/// one has a phase. The order is none of the catalogue's: it stands out of what is left.
 #[test]
 fn an_order_beside_a_declared_one_is_named_with_its_phase() {
     let text =
@@ -137,15 +137,11 @@ fn an_order_beside_a_declared_one_is_named_with_its_phase() {
         let all = r.effects[0].parameters.iter().filter(|p| p.path.ends_with(key));
         all.map(|p| p.value).collect::<Vec<f64>>()
     };
-    let ([amplitude], [phase], [order]) =
-        (&number("amplitude_percent")[..], &number("phase_deg")[..], &number("order")[..])
-    else {
-        panic!("{:?}", r.effects[0].parameters)
-    };
-    assert!(
-        (amplitude - 0.5).abs() < 0.025 && (phase - 70.0).abs() < 5.0 && *order == 1.5,
-        "{amplitude} {phase} {order}"
-    );
+    let (amplitude, order) = (number("amplitude_percent"), number("order"));
+    assert!(amplitude.len() == 1 && (amplitude[0] - 0.5).abs() < 0.025 && order == [1.5], "{amplitude:?} {order:?}");
+    // Both records that are fitted were made by runs that begin alike.
+    let phases = number("phase_deg");
+    assert!(phases.len() == 2 && phases.iter().all(|p| (p - 70.0).abs() < 10.0), "{phases:?}");
     for (before, after) in r.error_before.iter().zip(&r.error_after).filter(|(b, _)| b.record.is_none()) {
         println!("{}: {:?} -> {:?} {}", before.channel, before.held_out, after.held_out, before.unit);
     }

@@ -231,7 +231,7 @@ pub enum Kind {
     Amplitude,
     /// Shape of the effect, such as a speed, time or frequency: positive, searched by its logarithm.
     Shape,
-    /// An angle that differs in every record, unless the sensor has an index mark [rad].
+    /// An angle [rad]; a fit has one for every record.
     Phase,
     /// An integer: an order, a link, a tooth. Not fitted: every value of `starts` is a separate hypothesis.
     Whole,

@@ -25,8 +25,6 @@ pub struct Hypothesis {
     pub scales: Vec<f64>,
     /// Whether each record also determines the place of the effect.
     pub has_place: bool,
-    /// Whether its phase is the same in all records, because parts of the drive tell them where it stands.
-    pub one_phase: bool,
     /// Number of parameters that each segment has for this effect: its internal state at the start, and the initial
     /// state of an added body. For pulse data, whose segments are many and short, an added body starts in the state of
     /// the body it is attached to.
@@ -67,7 +65,6 @@ impl Hypothesis {
             .iter()
             .map(|r| match r.kind {
                 Kind::Amplitude | Kind::Shape | Kind::PerMark => 1,
-                Kind::Phase if self.one_phase => 1,
                 Kind::Phase => records,
                 Kind::Whole | Kind::Index | Kind::Start | Kind::Given | Kind::Tried => 0,
             })
@@ -222,7 +219,9 @@ impl Sizes {
         let mut all = row.starts.to_vec();
         if row.key == "order" {
             let standing = body.and_then(|b| self.orders.get(b)).into_iter().flatten();
-            let is_one = |n: f64| !row.is_integer() || n == libm::trunc(n);
+            // The marks of a sensor repeat themselves with every turn.
+            let may_be_half = !row.is_integer() && !matches!(target, Target::Sensor(_));
+            let is_one = |n: f64| may_be_half || n == libm::trunc(n);
             let fits = |n: &&f64| (row.low..=row.high).contains(*n) && is_one(**n);
             all.extend(standing.filter(fits).filter(|n| !row.starts.contains(n)));
         }
@@ -483,8 +482,7 @@ pub fn all(
                     values,
                     rows: rows.clone(),
                     scales,
-                    has_place: m.has_place(effect, target),
-                    one_phase: m.period_pitches().is_some(),
+                    has_place: m.has_place(effect),
                     own_locals,
                 };
                 let there = m.placed.iter().any(|p| {
@@ -637,10 +635,8 @@ pub fn with_hypothesis<'a>(
             Kind::Whole | Kind::Index | Kind::Given | Kind::Tried => continue,
         };
         if row.kind == Kind::Phase {
-            let own = if h.one_phase { &phases[..1] } else { &phases[..] };
-            for (record, phase) in own.iter().enumerate() {
-                let record = (!h.one_phase).then_some(record);
-                next.globals.push(Global { slot: *slot, record, law, prior: None });
+            for (record, phase) in phases.iter().enumerate() {
+                next.globals.push(Global { slot: *slot, record: Some(record), law, prior: None });
                 point.globals.push(law.scaled(*phase));
             }
         } else {

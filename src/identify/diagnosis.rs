@@ -123,8 +123,8 @@ pub fn diagnose(model: &FittedModel, threads: usize) -> Diagnosis {
 const HIGHEST_SCREENED: usize = 64;
 const SCREENED_ORDERS: usize = 3;
 
-/// Half orders up to this one are looked for in drives whose links are bodies: those of an engine's cylinders, below those of teeth.
-const HIGHEST_HALF: usize = 24;
+/// So many half orders are looked for in drives whose links are bodies, up to order 12: those of an engine's cylinders lie below those of teeth.
+const HALF_ORDERS: usize = 24;
 
 /// For every body the whole orders that stand out of the residuals of some channel, the strongest first; of drives whose links are bodies half
 /// orders too, where orders, valves or defects are declared already. Nothing for pulses and for other drives with links: their orders are those of
@@ -138,7 +138,7 @@ pub(super) fn standing_orders(model: &FittedModel, threads: usize) -> Vec<Vec<f6
     let is_timed = |k: &usize| matches!(problem.data.segments[*k].task.samples, Samples::Times { .. });
     let (step, highest) = match m.period_pitches() {
         None => (1.0, HIGHEST_SCREENED),
-        Some(period) if period.recurs > period.alike => (0.5, HIGHEST_HALF),
+        Some(_) if m.has_reference() => (0.5, HALF_ORDERS),
         Some(_) => return found,
     };
     if !fitting.iter().all(is_timed) {

@@ -15,7 +15,7 @@
 use super::fit::{parallel, project_out};
 use super::model::{FittedModel, standard_error};
 use super::predict::unmeasured;
-use super::problem::Problem;
+use super::problem::{DIVERGED_RESIDUAL, Problem};
 use super::screen::local_basis;
 use super::stats;
 use crate::machine::InputKind;
@@ -25,7 +25,7 @@ use crate::measurement::segments::Data;
 use crate::random::{SplitMix, normal_quantile};
 use nalgebra::DVector;
 
-/// Noise that is added, over the root mean square of the force.
+/// Noise is added of so much of the root mean square of the force.
 const ADDED: f64 = 1e-3;
 /// Standard errors of a correlation that count as chance.
 const CHANCE: f64 = 2.0;
@@ -48,73 +48,84 @@ pub(super) fn moved_by_input_noise(model: &FittedModel, threads: usize) -> Vec<f
     if shared <= 0.0 || problem.ending.is_due() {
         return none;
     }
-    let noise = |k: usize, input: usize| {
-        let series = &problem.data.segments[k].task.inputs[input];
-        if predicts { shown_noise(model, input, series) } else { ADDED * stats::rms(std::slice::from_ref(series)) }
+    let shares = if predicts { shares_of_shown_noise(model) } else { Vec::new() };
+    let noise = |input: usize, series: &Vec<f64>| match (is_force(input), predicts) {
+        (true, true) => facts::noise_beside_smooth(series) * shares[input],
+        (true, false) => ADDED * stats::rms(std::slice::from_ref(series)),
+        (false, _) => 0.0,
     };
-    let noisy = with_noise(problem.data, |k, input| if is_force(input) { noise(k, input) } else { 0.0 });
+    let noisy = with_noise(problem.data, noise);
     let noisy = Problem { data: &noisy, ..problem.clone() };
     let bases = parallel(parts.len(), threads, |i| local_basis(problem, &model.fit.point, parts[i]));
-    // Sum of squares of what the added noise does, with the globals at `x`.
-    let added = |x: &[f64]| -> f64 {
+    // Sum of squares of what the added noise does, with the globals at `x`; None: a run failed there.
+    let added = |x: &[f64]| -> Option<f64> {
         let of = |i: usize| {
             let (k, locals) = (parts[i], &model.fit.point.locals[parts[i]]);
             let (with, without) = (noisy.residuals(k, x, locals), problem.residuals(k, x, locals));
+            let failed = |residuals: &[f64]| residuals.iter().any(|r| r.abs() >= DIVERGED_RESIDUAL);
             let moved: Vec<f64> = with.iter().zip(&without).map(|(a, b)| a - b).collect();
-            project_out(&moved, &bases[i]).iter().map(|d| d * d).sum::<f64>()
+            let squares = project_out(&moved, &bases[i]).iter().map(|d| d * d).sum::<f64>();
+            (!failed(&with) && !failed(&without)).then_some(squares)
         };
-        parallel(parts.len(), threads, of).iter().sum()
+        parallel(parts.len(), threads, of).into_iter().sum()
     };
     let here = &model.fit.point.globals;
-    let whole = added(here);
-    if whole <= 0.0 {
-        return none;
-    }
+    let Some(whole) = added(here).filter(|whole| *whole > 0.0) else { return none };
     let real = if predicts { 1.0 } else { shared / whole };
-    let slope = |g: usize| {
+    // A step of one standard error, away from a bound.
+    let slope = |g: usize| -> Option<f64> {
         let step = standard_error(model, g);
-        let mut x = here.clone();
-        x[g] += step;
-        if step > 0.0 { (added(&x) - whole) / step } else { 0.0 }
+        let (low, high) = problem.globals[g].law.bounds();
+        let sides = [here[g] + step, here[g] - step].into_iter().filter(|x| (low..=high).contains(x));
+        let of_side = |to: f64| {
+            let mut x = here.clone();
+            x[g] = to;
+            Some((added(&x)? - whole) / (to - here[g])).filter(|slope| slope.is_finite())
+        };
+        if problem.ending.is_due() { None } else { sides.into_iter().find_map(of_side) }
     };
+    let slope = |g: usize| slope(g).unwrap_or(0.0);
     let slopes = DVector::from_iterator(n, (0..n).map(slope));
     let moved = &model.fit.covariance * slopes * (0.5 * real);
     moved.iter().map(|x| if x.is_finite() { x.abs() } else { 0.0 }).collect()
 }
 
-/// Sum of squares of the residuals' part that neighbouring samples share, beyond chance.
+/// Sum of squares of the residuals' part that neighbouring samples share, beyond chance. Missing samples are zeros, and count for nothing.
 fn shared_by_neighbours(model: &FittedModel, parts: &[usize]) -> f64 {
     let channels = model.problem.channels.len().max(1);
     let of_channel = |c: usize| {
-        let (mut product, mut square, mut count) = (0.0, 0.0, 0_usize);
+        let (mut product, mut square, mut pairs) = (0.0, 0.0, 0_usize);
         for k in parts {
             let all = &model.fit.residuals[*k];
             let own = all.len() / channels;
-            let r = &all[c * own..(c + 1) * own];
-            product += r.iter().zip(r.iter().skip(1)).map(|(a, b)| a * b).sum::<f64>();
-            square += r.iter().map(|r| r * r).sum::<f64>();
-            count += own;
+            for pair in all[c * own..(c + 1) * own].windows(2).filter(|pair| pair[0] != 0.0 && pair[1] != 0.0) {
+                product += pair[0] * pair[1];
+                square += pair[0] * pair[0];
+                pairs += 1;
+            }
         }
-        (product - CHANCE * square / (count.max(1) as f64).sqrt()).max(0.0)
+        (product - CHANCE * square / (pairs.max(1) as f64).sqrt()).max(0.0)
     };
     (0..channels).map(of_channel).sum()
 }
 
-/// Noise that a measured force shows beside a smooth course, of which no more acts on its body than the force that nobody measured.
-fn shown_noise(model: &FittedModel, input: usize, series: &[f64]) -> f64 {
-    let body = model.problem.machine.inputs[input].body;
-    let name = &model.problem.machine.bodies[body].name;
+/// Of every input the share of the noise that it shows which is no more than the force on its body that nobody measured.
+fn shares_of_shown_noise(model: &FittedModel) -> Vec<f64> {
     let unmeasured = unmeasured(model, model.problem.correction);
-    let share = unmeasured.iter().find(|f| f.body == *name).map_or(0.0, |f| f.size / f.noise_of_inputs.max(1e-300));
-    facts::noise_beside_smooth(series) * share.min(1.0)
+    let m = &model.problem.machine;
+    let share = |body: usize| {
+        let own = unmeasured.iter().find(|f| f.body == m.bodies[body].name);
+        own.map_or(0.0, |f| (f.size / f.noise_of_inputs.max(1e-300)).min(1.0))
+    };
+    m.inputs.iter().map(|input| share(input.body)).collect()
 }
 
-/// The data with white noise on their inputs, the same in every run: `size` of it by segment and input.
-fn with_noise(data: &Data, size: impl Fn(usize, usize) -> f64) -> Data {
+/// The data with white noise on their inputs, the same in every run: `size` of it by input and series.
+fn with_noise(data: &Data, size: impl Fn(usize, &Vec<f64>) -> f64) -> Data {
     let mut noisy = data.clone();
     for (k, segment) in noisy.segments.iter_mut().enumerate() {
         for (i, series) in segment.task.inputs.iter_mut().enumerate() {
-            let (mut random, size) = (SplitMix::of(&[k as u64, i as u64]), size(k, i));
+            let (mut random, size) = (SplitMix::of(&[k as u64, i as u64]), size(i, series));
             series.iter_mut().for_each(|u| *u += size * normal_quantile(random.uniform()));
         }
     }

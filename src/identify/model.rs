@@ -257,15 +257,14 @@ pub fn with_sharper_friction<'a>(model: FittedModel<'a>, own: &'a Data) -> Fitte
 /// Every free number of the effects of a model with its effect and row, in the order of its globals. They come last.
 fn globals_by_row(problem: &Problem, effects: &[Hypothesis]) -> Vec<(&'static Effect, &'static Parameter, usize)> {
     let records = problem.data.records.len();
-    let of = |h: &Hypothesis, row: &'static Parameter| match row.kind {
+    let of = |row: &'static Parameter| match row.kind {
         Kind::Amplitude | Kind::Shape | Kind::PerMark => 1,
-        Kind::Phase if h.one_phase => 1,
         Kind::Phase => records,
         Kind::Whole | Kind::Index | Kind::Start | Kind::Given | Kind::Tried => 0,
     };
-    let rows = effects.iter().flat_map(|h| h.rows.iter().map(move |row| (h, *row)));
+    let rows = effects.iter().flat_map(|h| h.rows.iter().map(|row| (h.effect, *row)));
     let rows: Vec<(&'static Effect, &'static Parameter)> =
-        rows.flat_map(|(h, row)| std::iter::repeat_n((h.effect, row), of(h, row))).collect();
+        rows.flat_map(|(effect, row)| std::iter::repeat_n((effect, row), of(row))).collect();
     let first = problem.globals.len() - rows.len();
     rows.into_iter().enumerate().map(|(i, (effect, row))| (effect, row, first + i)).collect()
 }
@@ -367,7 +366,6 @@ pub fn fitted_values(model: &FittedModel) -> Vec<FitStart> {
         for (value, row) in start.values.iter_mut().zip(&h.rows) {
             match row.kind {
                 Kind::Amplitude | Kind::Shape | Kind::PerMark => *value = next(),
-                Kind::Phase if h.one_phase => start.phases.fill(next()),
                 Kind::Phase => start.phases.iter_mut().for_each(|phase| *phase = next()),
                 Kind::Whole | Kind::Index | Kind::Start | Kind::Given | Kind::Tried => {}
             }

@@ -12,7 +12,6 @@ use super::problem::{DIVERGED_RESIDUAL, FINE_PITCHES, Local, Point, Problem};
 use crate::effects::Kind;
 use crate::units::within;
 use nalgebra::{DMatrix, DVector};
-use std::f64::consts::FRAC_PI_2;
 
 /// Screening result of a hypothesis.
 #[derive(Clone, Debug)]
@@ -197,6 +196,18 @@ fn residual_change(
     h: &Hypothesis,
     values: &[f64],
 ) -> Vec<f64> {
+    residual_change_from(&base.raw, problem, base, point, h, values)
+}
+
+/// As [`residual_change`], from residuals `alone` without the hypothesis.
+fn residual_change_from(
+    alone: &[f64],
+    problem: &Problem,
+    base: &LinearisedBase,
+    point: &Point,
+    h: &Hypothesis,
+    values: &[f64],
+) -> Vec<f64> {
     let mut with = problem.clone();
     let mut name = h.name.clone();
     while with.machine.placed.iter().any(|p| p.path == format!("effects.{}.{name}", h.effect.name)) {
@@ -209,7 +220,7 @@ fn residual_change(
         // A run that failed shows nothing of a small effect.
         let failed = now.iter().all(|r| *r == DIVERGED_RESIDUAL);
         let change = |(a, b): (&f64, &f64)| if failed { f64::NAN } else { a - b };
-        out.extend(now.iter().zip(&base.raw[*from..]).map(change));
+        out.extend(now.iter().zip(&alone[*from..]).map(change));
     }
     out
 }
@@ -229,14 +240,25 @@ pub fn screen(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypothesi
             ScreeningResult { idle: idle && idle_when_reversed(problem, base, &fit.point, h), ..none }
         });
     }
-    if problem.machine.shows_at_start_alone(h.effect) {
+    // A wave is the sum of two whose phases are known: where it has a phase, no place on the loop is looked for.
+    let at_start = problem.machine.shows_at_start_alone(h.effect);
+    if at_start && h.phase().is_none() {
         return screen_on_loop(problem, base, fit, h).unwrap_or(none);
     }
+    // Runs of a drive with links lie on a grid.
+    let grid =
+        at_start.then(|| Point { globals: problem.snapped(&fit.point.globals), locals: fit.point.locals.clone() });
+    let point = grid.as_ref().unwrap_or(&fit.point);
+    let alone: Option<Vec<f64>> = grid.as_ref().map(|point| {
+        let of = |(k, _): &(usize, usize)| problem.residuals(*k, &point.globals, &point.locals[*k]);
+        base.parts.iter().flat_map(of).collect()
+    });
+    let alone = alone.as_ref().unwrap_or(&base.raw);
     let mut columns = Vec::new();
     // Meaning of each column: amplitude, record of its phase, cosine or sine.
     let mut meaning = Vec::new();
     for i in amplitudes {
-        let size = PROBE * h.values[i];
+        let size = if at_start { h.values[i] } else { PROBE * h.values[i] };
         let angles: &[f64] = if h.phase().is_some() { &[0.0, std::f64::consts::FRAC_PI_2] } else { &[0.0] };
         for angle in angles {
             let mut values = probe.clone();
@@ -245,7 +267,7 @@ pub fn screen(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypothesi
                 values[p] = *angle;
             }
             let column: Vec<f64> =
-                residual_change(problem, base, &fit.point, h, &values).iter().map(|d| d / size).collect();
+                residual_change_from(alone, problem, base, point, h, &values).iter().map(|d| d / size).collect();
             if column.iter().any(|x| !x.is_finite()) {
                 return none;
             }
@@ -341,195 +363,104 @@ fn idle_when_reversed(problem: &Problem, base: &LinearisedBase, point: &Point, h
     })
 }
 
-/// What a column, or two, of a hypothesis and the residual have to do with each other.
-#[derive(Clone, Copy, Default)]
-struct Pull {
-    /// Products of the residual with both columns. The second column is that of a phase a quarter ahead; zero where there is no phase.
-    along: [f64; 2],
-    /// Squares of both, and their product.
-    size: [f64; 3],
-    /// Share of the cost that the place removes by itself.
-    gained: f64,
-}
-
-/// Product of two columns over those of their squares from which they are taken for one.
-const ONE_COLUMN: f64 = 1.0 - 1e-9;
-
-impl Pull {
-    fn of(rest: &[f64], columns: &[Vec<f64>]) -> Pull {
-        let mut pull = Pull::default();
-        for (i, c) in columns.iter().enumerate() {
-            (pull.along[i], pull.size[i]) = dot_and_size(&rest[..c.len()], c);
-        }
-        if let [a, b] = columns {
-            pull.size[2] = dot_and_size(a, b).0;
-        }
-        pull
-    }
-
-    fn is_finite(&self) -> bool {
-        self.along.iter().chain(&self.size).chain([&self.gained]).all(|x| x.is_finite())
-    }
-
-    fn sum(all: impl Iterator<Item = Pull>) -> Pull {
-        all.fold(Pull::default(), |mut sum, p| {
-            sum.along.iter_mut().zip(p.along).for_each(|(sum, x)| *sum += x);
-            sum.size.iter_mut().zip(p.size).for_each(|(sum, x)| *sum += x);
-            sum.gained += p.gained;
-            sum
-        })
-    }
-
-    /// Share of the cost that multiples of the columns remove.
-    fn takes(&self, [x, y]: [f64; 2]) -> f64 {
-        let ([a, b], [aa, bb, ab]) = (self.along, self.size);
-        self.gained - (2.0 * x * a + x * x * aa + (2.0 * y * b + y * y * bb + 2.0 * x * y * ab))
-    }
-
-    /// How well the residual falls along a direction.
-    fn falls(&self, [x, y]: [f64; 2]) -> f64 {
-        let ([a, b], [aa, bb, ab]) = (self.along, self.size);
-        -(x * a + y * b) / libm::sqrt((x * x * aa + (y * y * bb + 2.0 * x * y * ab)).max(1e-300))
-    }
-
-    /// The multiples that remove most: of one column within `low` and `high`, of two of at most the larger size.
-    fn best(&self, (low, high): (f64, f64)) -> [f64; 2] {
-        let ([a, b], [aa, bb, ab]) = (self.along, self.size);
-        if bb == 0.0 || ab.abs() > ONE_COLUMN * libm::sqrt(aa * bb) {
-            return [within(-a / f64::max(aa, 1e-300), low, high), 0.0];
-        }
-        let det = aa * bb - ab * ab;
-        let (x, y) = ((ab * b - bb * a) / det, (ab * a - aa * b) / det);
-        let most = f64::max(low.abs(), high.abs()) / f64::max(libm::hypot(x, y), 1e-300);
-        [x, y].map(|x| x * most.min(1.0))
-    }
-}
-
-/// Directions in which a place is looked for first: up and down, and of a wave all round.
-const UP_AND_DOWN: [[f64; 2]; 2] = [[1.0, 0.0], [-1.0, 0.0]];
-const ALL_ROUND: [[f64; 2]; 8] =
-    [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0], [1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]];
-
-/// Screens a hypothesis in a motion with a period, as of links, joints, teeth or guides: its amplitude, its phase if it has one, and for every
-/// segment the best place on the loop, from one run for each operating point and phase.
+/// Screens a hypothesis in a motion with a period, as of links, joints, teeth or guides: its amplitude, and for every segment the best place on the
+/// loop, from one run for each operating point.
 fn screen_on_loop(problem: &Problem, base: &LinearisedBase, fit: &Fit, h: &Hypothesis) -> Option<ScreeningResult> {
     let amplitude = *h.amplitudes().first()?;
-    let at_phase = |phase: f64| {
-        let mut values = h.values.clone();
-        h.phase().into_iter().for_each(|p| values[p] = phase);
-        let mut with = problem.clone();
-        (with.machine, _) = problem.machine.with_effect(h.effect, &h.name, h.target, &values);
-        with
-    };
-    let phases: &[f64] = if h.phase().is_some() { &[0.0, FRAC_PI_2] } else { &[0.0] };
-    let with: Vec<Problem> = phases.iter().map(|phase| at_phase(*phase)).collect();
-    let period = with[0].machine.period_pitches()?;
+    let mut with = problem.clone();
+    (with.machine, _) = problem.machine.with_effect(h.effect, &h.name, h.target, &h.values);
+    let period = with.machine.period_pitches()?;
     let (places, apart) = (if h.has_place { period.places() } else { 1 }, f64::from(period.alike));
     let travel = problem.locals.iter().position(|l| *l == Local::Travel)?;
+    // For every segment and place: product with the residual, and square.
+    let mut sizes: Vec<Vec<(f64, f64)>> = Vec::new();
     let globals = problem.snapped(&fit.point.globals);
     let alone: Vec<Vec<f64>> =
         base.parts.iter().map(|(k, _)| problem.residuals(*k, &globals, &fit.point.locals[*k])).collect();
-    // The columns of a segment that begins elsewhere, from what it leaves without the hypothesis.
-    let columns = |at: usize, moved_on: f64, rest: &[f64]| -> Vec<Vec<f64>> {
+    let column = |at: usize, moved_on: f64| -> Vec<f64> {
         let k = base.parts[at].0;
         let mut locals = fit.point.locals[k].clone();
         locals[travel] += moved_on;
-        let column = |with: &Problem| {
-            let now = with.residuals(k, &globals, &locals);
-            let moved: Vec<f64> = now.iter().zip(rest).map(|(a, b)| a - b).collect();
-            project_out(&moved, &base.local_bases[at])
-        };
-        with.iter().map(column).collect()
+        let now = with.residuals(k, &globals, &locals);
+        let moved: Vec<f64> = now.iter().zip(&alone[at]).map(|(a, b)| a - b).collect();
+        project_out(&moved, &base.local_bases[at])
     };
-    let recurs_at = |place: u32| (place * period.alike).is_multiple_of(period.recurs);
-    // For every segment and place. What is declared stands elsewhere after some places too, and leaves something else there.
-    let mut pulls: Vec<Vec<Pull>> = Vec::new();
+    let size_of = |at: usize, c: &[f64]| {
+        let from = base.parts[at].1;
+        dot_and_size(&base.residual[from..from + c.len()], c)
+    };
     for at in 0..base.parts.len() {
-        let (k, from) = base.parts[at];
-        let left_here = project_out(&alone[at], &base.local_bases[at]);
-        let of = |place: u32| {
-            let moved_on = apart * f64::from(place);
-            if recurs_at(place) {
-                return Pull::of(&base.residual[from..], &columns(at, moved_on, &alone[at]));
-            }
-            let mut locals = fit.point.locals[k].clone();
-            locals[travel] += moved_on;
-            let rest = problem.residuals(k, &globals, &locals);
-            let left = project_out(&rest, &base.local_bases[at]);
-            let gained = squares(&left_here) - squares(&left);
-            Pull { gained, ..Pull::of(&left, &columns(at, moved_on, &rest)) }
-        };
-        let all: Vec<Pull> = (0..places).map(of).collect();
-        if !all.iter().all(Pull::is_finite) {
+        let all: Vec<(f64, f64)> =
+            (0..places).map(|place| size_of(at, &column(at, apart * f64::from(place)))).collect();
+        if all.iter().any(|(a, b)| !a.is_finite() || !b.is_finite()) {
             return None;
         }
-        pulls.push(all);
+        sizes.push(all);
     }
     let row = h.rows[amplitude];
-    let range = multiples(h, amplitude, problem.machine.size_range(h.effect, h.target, row));
-    let mut best: Option<(f64, [f64; 2], Vec<u32>)> = None;
-    let directions = if h.phase().is_some() { &ALL_ROUND[..] } else { &UP_AND_DOWN[..] };
-    for direction in directions {
-        let mut chosen: Vec<u32> = pulls.iter().map(|all| largest(all, |p| p.falls(*direction))).collect();
-        let mut x = [0.0; 2];
+    let (low, high) = multiples(h, amplitude, problem.machine.size_range(h.effect, h.target, row));
+    // Share of the cost that factor x removes at place p of a segment: -(2 x along + x^2 size).
+    let takes = |x: f64, (along, size): (f64, f64)| -(2.0 * x * along + x * x * size);
+    let mut best: Option<(f64, f64, Vec<u32>)> = None;
+    for sign in [1.0, -1.0] {
+        let mut chosen: Vec<u32> =
+            sizes.iter().map(|all| largest(all, |s| -sign * s.0 / libm::sqrt(s.1.max(1e-300)))).collect();
+        let mut x = 0.0;
         for _ in 0..6 {
-            x = Pull::sum(pulls.iter().zip(&chosen).map(|(all, p)| all[*p as usize])).best(range);
-            let next: Vec<u32> = pulls.iter().map(|all| largest(all, |p| p.takes(x))).collect();
+            let picked = || sizes.iter().zip(&chosen).map(|(all, p)| all[*p as usize]);
+            let size: f64 = picked().map(|s| s.1).sum();
+            let best = -picked().map(|s| s.0).sum::<f64>() / size.max(1e-300);
+            x = within(best, low, high);
+            let next: Vec<u32> = sizes.iter().map(|all| largest(all, |s| takes(x, s))).collect();
             if next == chosen {
                 break;
             }
             chosen = next;
         }
-        let gain: f64 = pulls.iter().zip(&chosen).map(|(all, p)| all[*p as usize].takes(x)).sum();
+        let gain: f64 = sizes.iter().zip(&chosen).map(|(all, p)| takes(x, all[*p as usize])).sum();
         if best.as_ref().is_none_or(|(g, ..)| gain > *g) {
             best = Some((gain, x, chosen));
         }
     }
-    let (_, [sign, _], chosen) = best?;
+    let (_, sign, chosen) = best?;
     let sign = if sign < 0.0 { -1.0 } else { 1.0 };
     // The effect may also shift the drive slightly forwards or backwards, further than a gradient reaches where impacts
     // are sharp. The declared drive is shifted too, so that the comparison contains the effect alone.
     let mut travels: Vec<f64> = fit.point.locals.iter().map(|l| l[travel]).collect();
-    let mut whole = vec![Vec::with_capacity(base.residual.len()); phases.len()];
-    let mut rests = Vec::with_capacity(base.residual.len());
+    let (mut whole, mut rests) = (Vec::with_capacity(base.residual.len()), Vec::with_capacity(base.residual.len()));
     for (at, place) in chosen.iter().enumerate() {
         let k = base.parts[at].0;
         let tried = (-20..=20).map(|i| {
             let mut locals = fit.point.locals[k].clone();
-            let shift = FINE_PITCHES * f64::from(i);
-            locals[travel] += shift + if recurs_at(*place) { 0.0 } else { apart * f64::from(*place) };
+            locals[travel] += FINE_PITCHES * f64::from(i);
             let rest = problem.residuals(k, &globals, &locals);
-            let changes = columns(at, shift + apart * f64::from(*place), &rest);
-            let rest = project_out(&rest, &base.local_bases[at]);
-            let pull = Pull::of(&rest, &changes);
-            let taken = if let [_] = changes[..] {
-                let (along, size) = (pull.along[0], pull.size[0]);
-                if along * sign < 0.0 { along * along / f64::max(size, 1e-300) } else { 0.0 }
-            } else {
-                pull.takes(pull.best((f64::NEG_INFINITY, f64::INFINITY)))
-            };
-            let left = squares(&rest) - taken;
-            (left, fit.point.locals[k][travel] + shift + apart * f64::from(*place), changes, rest)
+            locals[travel] += apart * f64::from(*place);
+            let now = with.residuals(k, &globals, &locals);
+            let change: Vec<f64> = now.iter().zip(&rest).map(|(a, b)| a - b).collect();
+            let (change, rest) =
+                (project_out(&change, &base.local_bases[at]), project_out(&rest, &base.local_bases[at]));
+            let (along, size) = dot_and_size(&rest, &change);
+            let taken = if along * sign < 0.0 { along * along / f64::max(size, 1e-300) } else { 0.0 };
+            let left = rest.iter().map(|r| r * r).sum::<f64>() - taken;
+            (left, locals[travel], change, rest)
         });
-        let (_, moved_to, changes, rest) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        whole.iter_mut().zip(changes).for_each(|(whole, own)| whole.extend(own));
+        let (_, moved_to, change, rest) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        whole.extend(change);
         rests.extend(rest);
         travels[k] = moved_to;
     }
-    let columns: Vec<Vec<f64>> = whole.iter().map(|c| project_out(c, &base.basis)).collect();
+    let columns = vec![project_out(&whole, &base.basis)];
     let rests = project_out(&rests, &base.basis);
-    let pull = Pull::of(&rests, &columns);
-    let [x, y] = pull.best(range);
+    let (along, size) = dot_and_size(&rests, &columns[0]);
+    let x = within(-along / f64::max(size, 1e-300), low, high);
     let mut values = h.values.clone();
-    values[amplitude] = h.values[amplitude] * if y == 0.0 { x } else { libm::hypot(x, y) };
+    values[amplitude] = x * h.values[amplitude];
     if values[amplitude] == 0.0 {
         values[amplitude] = SMALL * h.values[amplitude];
     }
-    let left = squares(&rests) - pull.takes([x, y]);
+    let left = rests.iter().map(|r| r * r).sum::<f64>() + 2.0 * x * along + x * x * size;
     let gain = (1.0 - left / f64::max(base.cost(), 1e-300)).max(0.0);
-    // a sin(n q + phase) = a cos(phase) sin(n q) + a sin(phase) cos(n q)
-    let phase = if y == 0.0 { 0.0 } else { crate::units::atan2(y, x) };
-    let phases = vec![phase; problem.data.records.len()];
+    let phases = vec![0.0; problem.data.records.len()];
     Some(ScreeningResult { gain, fit_start: FitStart { values, phases, travels }, columns, idle: false })
 }
 
@@ -539,20 +470,16 @@ fn multiples(h: &Hypothesis, amplitude: usize, (low, high): (f64, f64)) -> (f64,
     (ends[0].min(ends[1]).max(-1e6), ends[0].max(ends[1]).min(1e6))
 }
 
-fn squares(column: &[f64]) -> f64 {
-    column.iter().map(|x| x * x).sum()
-}
-
 /// Product of two columns, and the square of the second.
 fn dot_and_size(rest: &[f64], change: &[f64]) -> (f64, f64) {
     rest.iter().zip(change).fold((0.0, 0.0), |(along, size), (r, c)| (along + r * c, size + c * c))
 }
 
 /// Index of the largest value.
-fn largest(all: &[Pull], of: impl Fn(&Pull) -> f64) -> u32 {
+fn largest(all: &[(f64, f64)], of: impl Fn((f64, f64)) -> f64) -> u32 {
     let mut best = 0;
     for i in 1..all.len() {
-        if of(&all[i]) > of(&all[best]) {
+        if of(all[i]) > of(all[best]) {
             best = i;
         }
     }

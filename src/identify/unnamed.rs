@@ -257,7 +257,6 @@ fn hypothesis(model: &FittedModel, body: usize, term: usize, scale: f64) -> Hypo
         rows: vec![&effect(term).parameters[0]],
         scales: vec![scale],
         has_place: false,
-        one_phase: false,
         own_locals: 0,
     }
 }

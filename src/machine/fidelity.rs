@@ -60,8 +60,6 @@ pub struct PitchPeriod {
     pub whole: u32,
     /// If all links and teeth of each part were alike: a share of the whole.
     pub alike: u32,
-    /// After which the drive, as its file has it, looks as before: a share of the whole, `alike` where no part of it differs from its neighbours.
-    pub recurs: u32,
 }
 
 impl PitchPeriod {
@@ -103,8 +101,11 @@ pub trait Fidelity: std::fmt::Debug + Send + Sync {
     /// All possible targets of an effect, with their names.
     fn targets(&self, m: &Machine, effect: &Effect) -> Vec<(String, Target)>;
 
-    /// Whether an effect has this parameter here.
-    fn accepts(&self, effect: &Effect, p: &Parameter) -> bool;
+    /// Whether an effect has this parameter at this target.
+    fn accepts(&self, effect: &Effect, target: Target, p: &Parameter) -> bool;
+
+    /// Whether parts of the drive that differ from their neighbours tell where it stands, so that waves on shafts have phases.
+    fn has_reference(&self) -> bool;
 
     /// The body whose way along its line a sensor measures, as [`super::Reads`] does not say it.
     fn slider_of(&self, m: &Machine, sensor: usize) -> Option<usize>;
@@ -116,7 +117,7 @@ pub trait Fidelity: std::fmt::Debug + Send + Sync {
     fn room_for(&self, m: &Machine, effect: &Effect, target: Target, path: &str) -> RoomForEffect;
 
     /// Whether an effect is at a place on the loop that each record determines for itself, by where it starts.
-    fn has_place(&self, m: &Machine, effect: &Effect, target: Target) -> bool;
+    fn has_place(&self, effect: &Effect) -> bool;
 
     /// Whether an effect is looked at with its starting values, because a small one is lost in what does not repeat itself.
     fn shows_at_start_alone(&self, effect: &Effect) -> bool;

@@ -33,6 +33,12 @@ pub(super) struct LinkedDrive {
     known: Mutex<HashMap<ChangedNumbers, Arc<Result<PeriodicResponse, ResponseError>>>>,
 }
 
+/// Distances of the grid on which runs are made, scaled: of sizes of effects over those that they start from, of waves (and their phases [rad]), and of
+/// logarithms of numbers. Not varied.
+const SIZE_GRID: f64 = 0.5;
+const WAVE_GRID: f64 = 0.1;
+const NUMBER_GRID: f64 = 0.05;
+
 const EFFORT: SearchEffort = SearchEffort {
     beam: [2; 3],
     fitted: 4,
@@ -242,10 +248,14 @@ impl Fidelity for LinkedDrive {
     }
 
     /// Where all parts of the drive are alike, the position of a sprocket or the chain at the start of a record is found as the record's travel, so
-    /// that effects on them have no phase of their own. Beside declared orders, valves or defects, they have one.
-    fn accepts(&self, effect: &Effect, p: &Parameter) -> bool {
-        let has_phase = self.period.recurs > self.period.alike && effect.differs_round_turn();
-        is_signal(effect) || !p.lumped_only && (p.kind != Kind::Phase || has_phase)
+    /// that effects on them have no phase of their own. Beside declared orders, valves or defects, waves on what turns have one.
+    fn accepts(&self, effect: &Effect, target: Target, p: &Parameter) -> bool {
+        let turns = matches!(target, Target::Body(b) if self.period.turns.get(b).is_some_and(Option::is_some));
+        is_signal(effect) || !p.lumped_only && (p.kind != Kind::Phase || turns && self.has_reference())
+    }
+
+    fn has_reference(&self) -> bool {
+        self.period.declared > self.period.alike
     }
 
     fn slider_of(&self, m: &Machine, sensor: usize) -> Option<usize> {
@@ -279,8 +289,8 @@ impl Fidelity for LinkedDrive {
                 "with it the drive comes back to where it was only after more than ten seconds",
             );
         }
-        let has_place = self.has_place(m, effect, target);
-        if has_place && m.placed.iter().any(|p| self.has_place(m, p.effect, p.target)) {
+        let has_place = self.has_place(effect);
+        if has_place && m.placed.iter().any(|p| self.has_place(p.effect)) {
             return RoomForEffect::Refused(
                 "only one effect with a place on the loop at a time: its position relative to a second one is not searched",
             );
@@ -293,10 +303,10 @@ impl Fidelity for LinkedDrive {
         RoomForEffect::Free
     }
 
-    /// Unless the drive, as it is declared, looks the same only after whole turns of what the effect is on.
-    fn has_place(&self, m: &Machine, effect: &Effect, target: Target) -> bool {
-        let is_somewhere = effect.links == Some(On::Chain) || effect.differs_round_turn();
-        is_somewhere && !self.period.recurs.is_multiple_of(self.own_period(m, effect, target))
+    /// A wave with a phase has no other place.
+    fn has_place(&self, effect: &Effect) -> bool {
+        let is_wave = effect.parameters.iter().any(|p| p.kind == Kind::Phase);
+        effect.links == Some(On::Chain) || effect.differs_round_turn() && !(is_wave && self.has_reference())
     }
 
     fn shows_at_start_alone(&self, effect: &Effect) -> bool {
@@ -304,7 +314,7 @@ impl Fidelity for LinkedDrive {
     }
 
     fn period_pitches(&self, m: &Machine) -> Option<PitchPeriod> {
-        Some(PitchPeriod { whole: self.pitches(m), alike: self.period.alike, recurs: self.period.recurs })
+        Some(PitchPeriod { whole: self.pitches(m), alike: self.period.alike })
     }
 
     /// Links and teeth that lie as far apart as a start of a record can move them are the same. In a drive with one chain two differ.
@@ -312,11 +322,11 @@ impl Fidelity for LinkedDrive {
         let (first, passed, all) = match target {
             Target::Chain(c) => {
                 let chain = &m.chains[c];
-                (chain.first_link, self.period.pitches[c].scaled(self.period.recurs, 1), chain.links)
+                (chain.first_link, self.period.pitches[c].scaled(self.period.alike, 1), chain.links)
             }
             Target::Body(b) => {
                 let teeth = m.bodies[b].teeth?;
-                (0, self.period.turns[b]?.0.scaled(teeth * self.period.recurs, 1), teeth)
+                (0, self.period.turns[b]?.0.scaled(teeth * self.period.alike, 1), teeth)
             }
             Target::Spring(_) | Target::Input(_) | Target::Sensor(_) | Target::Part(_) | Target::Span(_) => {
                 return None;
@@ -334,7 +344,12 @@ impl Fidelity for LinkedDrive {
     fn grid(&self, m: &Machine, slot: usize, logarithm: bool) -> Option<f64> {
         let placed = m.placed.iter().find(|p| p.slots.contains(&slot));
         let at_sensor = placed.is_some_and(|p| is_signal(p.effect)) || m.sensors.iter().any(|s| s.gain == slot);
-        (!at_sensor).then_some(if placed.is_some() && !logarithm { 0.5 } else { 0.05 })
+        // A wave is linear in amplitude and phase over a small part of a turn alone.
+        let has_phase = |p: &&PlacedEffect| {
+            p.effect.parameters.iter().any(|row| row.kind == Kind::Phase && self.accepts(p.effect, p.target, row))
+        };
+        let by_size = if placed.filter(has_phase).is_some() { WAVE_GRID } else { SIZE_GRID };
+        (!at_sensor).then_some(if placed.is_some() && !logarithm { by_size } else { NUMBER_GRID })
     }
 
     /// The weighted mean of the runs with the values of the corners.

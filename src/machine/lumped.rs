@@ -96,7 +96,11 @@ impl Fidelity for Lumped {
         }
     }
 
-    fn accepts(&self, _effect: &Effect, _p: &Parameter) -> bool {
+    fn accepts(&self, _effect: &Effect, _target: Target, _p: &Parameter) -> bool {
+        true
+    }
+
+    fn has_reference(&self) -> bool {
         true
     }
 
@@ -112,7 +116,7 @@ impl Fidelity for Lumped {
         RoomForEffect::Free
     }
 
-    fn has_place(&self, _m: &Machine, _effect: &Effect, _target: Target) -> bool {
+    fn has_place(&self, _effect: &Effect) -> bool {
         false
     }
 

@@ -388,16 +388,20 @@ impl Machine {
         self.fidelity.targets(self, effect)
     }
 
-    fn accepts(&self, effect: &Effect, p: &Parameter) -> bool {
-        self.fidelity.accepts(effect, p)
+    fn accepts(&self, effect: &Effect, target: Target, p: &Parameter) -> bool {
+        self.fidelity.accepts(effect, target, p)
     }
 
     pub(crate) fn room_for(&self, effect: &Effect, target: Target, path: &str) -> RoomForEffect {
         self.fidelity.room_for(self, effect, target, path)
     }
 
-    pub(crate) fn has_place(&self, effect: &Effect, target: Target) -> bool {
-        self.fidelity.has_place(self, effect, target)
+    pub(crate) fn has_reference(&self) -> bool {
+        self.fidelity.has_reference()
+    }
+
+    pub(crate) fn has_place(&self, effect: &Effect) -> bool {
+        self.fidelity.has_place(effect)
     }
 
     pub(crate) fn shows_at_start_alone(&self, effect: &Effect) -> bool {

@@ -12,7 +12,7 @@ use crate::drive::sensors::SensorReads;
 use crate::drive::shafts::Moving;
 use crate::drive::{ChainFidelity, Drive};
 use crate::effects::{Effect, speed_fluctuation};
-use std::f64::consts::TAU;
+use crate::elements::driver_motion::Harmonic;
 
 /// Least common multiple.
 pub(super) fn lcm(a: u32, b: u32) -> u32 {
@@ -25,10 +25,8 @@ pub(super) fn lcm(a: u32, b: u32) -> u32 {
 pub(super) struct PeriodOfDrive {
     /// If all links and teeth of each part are alike.
     pub(super) alike: u32,
-    /// As the drive is declared: what a run is folded on.
+    /// As the drive is declared.
     pub(super) declared: u32,
-    /// After so many pitches the declared drive looks as before: a share of `declared`, shorter where orders or valves divide their turn evenly.
-    pub(super) recurs: u32,
     /// For every body of the machine: its turns per pitch, and its sense; None: it does not turn on.
     pub(super) turns: Vec<Option<(RateRatio, f64)>>,
     /// For every chain with links: its pitches per pitch of the driver's chain.
@@ -56,15 +54,8 @@ impl PeriodOfDrive {
         // Inner and outer links alternate in every chain.
         let alike = pitches.iter().fold(2, |all, rate| lcm(all, rate.period(2)));
         let links: Vec<u32> = of_links.map(|chain| drive.links_of(chain) as u32).collect();
-        let odd = odd_parts(drive, &pitches, &links);
-        let declared = odd.iter().fold(alike, |all, part| lcm(all, part.period));
-        // The smallest multiple of the one that is a multiple of period / equal.
-        let multiple = |all: u32, part: &OddPart| {
-            let often = u64::from(part.period) / gcd(u64::from(all) * u64::from(part.equal), u64::from(part.period));
-            all.saturating_mul(often as u32)
-        };
-        let recurs = odd.iter().fold(alike, multiple);
-        PeriodOfDrive { alike, declared, recurs, turns, pitches }
+        let declared = declared_period(drive, alike, &pitches, &links);
+        PeriodOfDrive { alike, declared, turns, pitches }
     }
 
     /// Period of one turn of a body.
@@ -73,21 +64,11 @@ impl PeriodOfDrive {
     }
 }
 
-/// A part of the declared drive that differs from its neighbours.
-#[derive(Clone, Copy)]
-struct OddPart {
-    /// Pitches after which it stands where it stood.
-    period: u32,
-    /// Into how many equal parts it divides this period: an order of 6 a turn into six.
-    equal: u32,
-}
-
-/// Parts of the declared drive that differ from their neighbours.
-fn odd_parts(drive: &Drive, pitches: &[RateRatio], links: &[u32]) -> Vec<OddPart> {
+/// Period of the drive as it is declared: some of its parts differ from their neighbours.
+fn declared_period(drive: &Drive, alike: u32, pitches: &[RateRatio], links: &[u32]) -> u32 {
     let e = &drive.effects;
     let turn = |k: usize| drive.turns_per_pitch(k).map_or(1, |turns| turns.period(1));
-    let mut all = Vec::new();
-    let mut put = |period: u32, equal: u32| all.push(OddPart { period, equal: equal.max(1) });
+    let mut all = alike;
     // Links are counted through all chains.
     let has_odd = |chain: usize| {
         let first: u32 = links[..chain].iter().sum();
@@ -100,7 +81,7 @@ fn odd_parts(drive: &Drive, pitches: &[RateRatio], links: &[u32]) -> Vec<OddPart
     let with_links = (0..drive.chains()).filter(|chain| drive.fidelity_of(*chain) == ChainFidelity::Links);
     for (place, chain) in with_links.enumerate() {
         if scatter_m(drive, chain) > 0.0 || has_odd(place) {
-            put(pitches[place].period(links[place]), 1);
+            all = lcm(all, pitches[place].period(links[place]));
         }
     }
     let driver = drive.driver();
@@ -108,48 +89,30 @@ fn odd_parts(drive: &Drive, pitches: &[RateRatio], links: &[u32]) -> Vec<OddPart
     let orders = motion.harmonics.iter().chain(drive.train.order_loads.iter().flat_map(|l| &l.harmonics));
     if orders.clone().next().is_some() {
         // Orders are of the driver; half ones take two turns. Those without a period are refused where records are compared.
-        let turns = turns_of_orders(orders.clone()).unwrap_or(2);
-        let waves = orders.map(|h| libm::round(h.order * f64::from(turns)) as u64).fold(0, gcd);
-        put(turns * drive.sprockets[driver].teeth, waves as u32);
+        all = lcm(all, turns_of_orders(orders).unwrap_or(2) * drive.sprockets[driver].teeth);
     }
     let train = &drive.train;
     for (_, values) in &train.motion.fluctuations {
-        let (turns, waves) = wave(&speed_fluctuation::ROW, values);
-        put(turn(driver) * turns, waves);
+        all = lcm(all, turn(driver) * turns_of(&speed_fluctuation::ROW, values));
     }
     let uneven = train.loads.iter().filter(|l| l.effect.differs_round_turn());
     for (k, load) in uneven.filter_map(|l| Some((drive.sprocket_turning(l.on)?, l))) {
-        let (turns, waves) = wave(load.effect, &load.values);
-        put(turn(k) * turns, waves);
+        all = lcm(all, turn(k) * turns_of(load.effect, &load.values));
     }
-    for v in &drive.valves {
-        put(turn(v.sprocket), alike_valves(&v.phases_rad));
+    for k in drive.valves.iter().map(|v| v.sprocket) {
+        all = lcm(all, turn(k));
     }
     for k in e.gap_errors.iter().map(|g| g.sprocket).chain(e.gap_waves.iter().map(|w| w.sprocket)) {
-        put(turn(k), 1);
+        all = lcm(all, turn(k));
     }
     all
 }
 
-/// Turns after which an effect on what turns is the same again, two where its order is a half one; and its waves in these turns.
-fn wave(effect: &Effect, values: &[f64]) -> (u32, u32) {
+/// Turns after which an effect on what turns is the same again: two where its order is a half one.
+fn turns_of(effect: &Effect, values: &[f64]) -> u32 {
     let order = effect.parameters.iter().zip(values).find(|(p, _)| p.key == "order").map_or(1.0, |(_, order)| *order);
-    let turns = if order == libm::trunc(order) { 1 } else { 2 };
-    (turns, libm::round(order * f64::from(turns)) as u32)
-}
-
-/// Most cylinders of a camshaft whose valves may be alike, and how exactly they then lie round it [rad].
-const MOST_CYLINDERS: u32 = 12;
-const EVENLY_RAD: f64 = 1e-6;
-
-/// Into how many equal parts valves that are alike divide a turn of their camshaft.
-fn alike_valves(phases_rad: &[f64]) -> u32 {
-    let apart = |a: f64, b: f64| (a - b - TAU * libm::round((a - b) / TAU)).abs();
-    let is_same = |parts: &u32| {
-        let turned = |phase: &f64| phase + TAU / f64::from(*parts);
-        phases_rad.iter().all(|a| phases_rad.iter().any(|b| apart(turned(a), *b) < EVENLY_RAD))
-    };
-    (1..=MOST_CYLINDERS).rev().find(is_same).unwrap_or(1)
+    let wave = Harmonic { order, amplitude: 1.0, phase_rad: 0.0 };
+    if order == libm::trunc(order) { 1 } else { turns_of_orders([wave].iter()).unwrap_or(2) }
 }
 
 /// Standard deviation of the pitch of a chain's links [m].
@@ -159,7 +122,7 @@ fn scatter_m(drive: &Drive, chain: usize) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::{PeriodOfDrive, alike_valves};
+    use super::PeriodOfDrive;
     use crate::drive::{BUNDLED, Drive};
 
     fn period(bundled: usize, sets: &[&str]) -> PeriodOfDrive {
@@ -168,28 +131,17 @@ mod tests {
         PeriodOfDrive::of(&Drive::parse(name, text, &sets).unwrap_or_else(|e| panic!("{e}")))
     }
 
-    /// Orders divide a turn into equal parts, and valves that lie evenly round their shaft do.
+    /// Half an order takes two turns of its shaft, a third of one three.
     #[test]
-    fn orders_and_valves_recur_within_a_turn() {
-        let recurs = |of: &PeriodOfDrive| (of.alike, of.recurs, of.declared);
-        assert_eq!(recurs(&period(0, &[])), (2, 2, 2));
-        let order = |n: &str| {
-            let sets = [format!("speeds.constant.driver.orders=[{n}]")];
-            let more = ["speeds.constant.driver.amplitudes_deg=[0.1]", "speeds.constant.driver.phases_deg=[0]"];
-            recurs(&period(0, &[sets[0].as_str(), more[0], more[1]]))
+    fn a_wave_of_half_an_order_takes_two_turns() {
+        let of = |order: &str| {
+            let wave = [
+                "effects.speed_fluctuation.driver.amplitude_percent=1".to_string(),
+                format!("effects.speed_fluctuation.driver.order={order}"),
+            ];
+            period(0, &[wave[0].as_str(), wave[1].as_str()]).declared
         };
-        // 20 teeth: order 2 recurs after ten pitches, order 5 after four, half an order after two turns, order 6 after twenty thirds: at ten, no
-        // pair of links stands as before.
-        assert_eq!(
-            [order("2"), order("5"), order("0.5"), order("6")],
-            [(2, 10, 40), (2, 4, 40), (2, 40, 40), (2, 10, 40)]
-        );
-        let wave =
-            ["effects.speed_fluctuation.driver.amplitude_percent=1", "effects.speed_fluctuation.driver.order=1.5"];
-        assert_eq!(recurs(&period(0, &wave)), (2, 40, 40));
-        let degrees = |all: &[f64]| alike_valves(&all.iter().map(|x| x.to_radians()).collect::<Vec<f64>>());
-        assert_eq!([degrees(&[55.0, 175.0, 295.0]), degrees(&[10.0, -80.0, 100.0, 190.0])], [3, 4]);
-        assert_eq!([degrees(&[55.0, 175.0, 296.0]), degrees(&[7.0])], [1, 1]);
+        assert_eq!([of("2"), of("1.5"), of("0.6666666666666667")], [20, 40, 60]);
     }
 
     #[test]

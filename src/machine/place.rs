@@ -13,7 +13,7 @@ impl Machine {
         };
         let mut keys = Vec::new();
         let with_links = self.period_pitches().is_some();
-        for p in effect.parameters.iter().filter(|p| self.accepts(effect, p)) {
+        for p in effect.parameters.iter().filter(|p| self.accepts(effect, target, p)) {
             let p = p.on_links.filter(|_| with_links).unwrap_or(p);
             let key = if slides { p.sliding_key } else { p.key };
             if p.kind == Kind::PerMark {

@@ -267,7 +267,8 @@ pub fn measured(audit: &Audit, header: &Header) -> Vec<Measured> {
     for (k, ([speed, _, outer, angle], scatter)) in spans.turning.iter().zip(&spans.speed_scatter).enumerate() {
         let path = header.coordinates.get(k).map_or("", String::as_str);
         let part = AuditPart::Turning(k);
-        if path.starts_with("arms.") {
+        // The back of an arm that gives way turns as the arm does.
+        if path.starts_with("arms.") || path.starts_with("effects.arm_compliance.") {
             put_one(&mut all, part, &ARM_ANGLE, *angle, None);
         } else {
             put_one(&mut all, part, &SPEED, *speed, None);
