@@ -6,7 +6,7 @@ use super::fidelity::{
 use super::period::{PeriodOfDrive, lcm};
 use super::response::{MAX_PERIOD_S, PeriodicResponse, ResponseError};
 use super::simulate::{InitialState, RunError, Samples, Task, between, clock, own_clocks, through_sensor};
-use super::{Body, BodyMotion, ChainLoop, Machine, Reads, Target};
+use super::{Body, BodyMotion, ChainLoop, Machine, PlacedEffect, Reads, Target};
 use crate::drive::Drive;
 use crate::drive::bearings::Carried;
 use crate::drive::chains::gcd;
