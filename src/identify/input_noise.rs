@@ -109,7 +109,8 @@ fn shared_by_neighbours(model: &FittedModel, parts: &[usize]) -> f64 {
     (0..channels).map(of_channel).sum()
 }
 
-/// Of every input the share of the noise that it shows which is no more than the force on its body that nobody measured.
+/// A factor for every input, 1 at most: the force on its body that nobody measured, over the noise that the input shows. Noise beyond that force is
+/// movement that a controller asked for.
 fn shares_of_shown_noise(model: &FittedModel) -> Vec<f64> {
     let unmeasured = unmeasured(model, model.problem.correction);
     let m = &model.problem.machine;
