@@ -11,13 +11,16 @@
 mod report;
 mod shared;
 mod start;
+mod travel;
 
 pub use report::{
-    AssemblyError, AssemblyReport, ChainPreload, MovedAxis, RestingArm, RestingSlider, SpanReport, ValveReport,
+    AssemblyError, AssemblyReport, ChainPreload, MovedAxis, RestingArm, RestingSlider, RestingStop, SpanReport,
+    ValveReport,
 };
 pub use shared::SharedParts;
 pub use start::resting_state;
 use start::{moving_state, wrap_angles};
+use travel::{check_travel, place_tips, resting_arms, resting_sliders};
 
 use crate::drive::{ChainFidelity, Drive, Effects, PreloadSpec, Scheme};
 use crate::geometry::route::Route;
@@ -26,8 +29,8 @@ use crate::integrate::explicit::{self, RunIn, Scratch, WINDOW_MARGIN_M};
 use crate::integrate::scheme;
 use crate::integrate::step_bound::{StepBound, default_step, step_bound};
 use crate::integrate::{Isa, StepError};
-use crate::model::{ArmModel, Model, PlacedDrive, Profiles, SpanTerms, close, place};
-use crate::pairs::part_part::{Touch, TouchShape};
+use crate::model::{Model, PlacedDrive, Profiles, SpanTerms, close, place};
+use crate::pairs::part_part::TouchShape;
 use crate::state::{FAR_AWAY_M, State};
 use crate::statics::{Configuration, Equilibrium, condensed, equilibrium, forces_on};
 use crate::units::RPM;
@@ -337,18 +340,12 @@ fn assemble_from(drive: &Drive, isa: Isa, shared: Option<&SharedParts>) -> Resul
         PreloadSpec::Arm(_) | PreloadSpec::Blade => None,
     };
     let moved = (0..drive.chains()).filter_map(|chain| axis(drive.preload_of(chain))).collect();
-    let resting = |arm: &ArmModel| {
-        let angle_rad = loaded.configuration.coordinates[arm.coordinate];
-        let back = &model.coordinates[arm.back];
-        let spring_torque_nm = back.spring.force(loaded.configuration.coordinates[arm.back]);
-        RestingArm { arm: arm.name.clone(), angle_rad, spring_torque_nm }
-    };
     let first = ChainPreload::of(String::new(), &tensions_n[0]);
     let preloads = drive.chain_names.iter().zip(&tensions_n).map(|(name, own)| ChainPreload::of(name.clone(), own));
     let preloads = if drive.chains() > 1 { preloads.collect() } else { Vec::new() };
     let report = AssemblyReport {
         moved,
-        arms: model.arms.iter().map(resting).collect(),
+        arms: resting_arms(&model, &loaded.configuration),
         sliders: resting_sliders(&model, &loaded.configuration),
         preload_n: first.mean_n,
         preload_low_n: first.low_n,
@@ -368,23 +365,6 @@ fn assemble_from(drive: &Drive, isa: Isa, shared: Option<&SharedParts>) -> Resul
         tension_drift,
     };
     Ok(Assembly { model: model.for_its_scheme(), state, report })
-}
-
-/// Sliders with their tips, at rest.
-fn resting_sliders(model: &Model, q: &Configuration) -> Vec<RestingSlider> {
-    let tips = model.touches.iter().filter_map(|t| match t.shape {
-        TouchShape::Tip { slider, .. } => Some((slider, t)),
-        TouchShape::Stop { .. } | TouchShape::Between { .. } | TouchShape::Cam(_) => None,
-    });
-    let of = |(coordinate, touch): (usize, &Touch)| {
-        let slider = model.sliders.iter().find(|s| s.coordinate == coordinate);
-        RestingSlider {
-            slider: slider.map_or_else(String::new, |s| s.name.clone()),
-            position_m: q.coordinates[coordinate],
-            tip_force_n: touch.law.elastic(-touch.shape.gap(&q.coordinates).gap_m, touch.radii).force_n,
-        }
-    };
-    tips.map(of).collect()
 }
 
 /// No chain at rest may run through a rail, nor lie loose under an arm whose spring turns it away.
@@ -524,7 +504,8 @@ fn tighten(drive: &Drive, placed: &PlacedDrive) -> Result<(f64, Vec<f64>), Assem
         (0..PRELOAD_PHASES)
             .map(|phase| {
                 let rest = rest_configuration(&model, drive, f64::from(phase) / f64::from(PRELOAD_PHASES))?;
-                let e = solve(&model, rest, 0.0, "tightening the loop")?;
+                let found = solve(&model, rest.clone(), 0.0, "tightening the loop");
+                let e = check_travel(drive, &model, rest, found)?;
                 Ok(e.tensions_n.iter().sum::<f64>() / e.tensions_n.len() as f64)
             })
             .collect()
@@ -621,21 +602,6 @@ fn turn_by_spans(model: &Model, chain: usize, travel_m: f64, coordinates: &mut [
         coordinates[k].get_or_insert(travel_m / radius_m);
     }
 }
-
-/// Sliders where their tips just touch their arms.
-fn place_tips(model: &Model, coordinates: &mut [f64]) {
-    for touch in &model.touches {
-        if let TouchShape::Tip { slider, .. } = touch.shape {
-            for _ in 0..TIP_ITERATIONS {
-                let gap = touch.shape.gap(coordinates);
-                coordinates[slider] -= gap.gap_m / gap.slope[0];
-            }
-        }
-    }
-}
-
-/// Steps of Newton's method for the place of a tip; some five are needed.
-const TIP_ITERATIONS: u32 = 20;
 
 /// A chain laid on its route: poses of its links, angles of its sprockets.
 struct LaidChain {

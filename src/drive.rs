@@ -115,6 +115,8 @@ pub struct Drive {
     pub overrides: Vec<String>,
     /// Title in the drive file.
     pub title: String,
+    /// Where its numbers come from, in words; empty where the file does not say.
+    pub source: String,
     /// The chain; of several, the first.
     pub chain: ChainSpec,
     /// Number of links; of several chains, of the first.

@@ -344,7 +344,7 @@ impl Model {
         let sliders = mechanism::build_sliders(drive, &arms, &mut coordinates, &mut touches);
         let guides = build_guides(drive, &route, placed);
         let end_bodies = build_end_bodies(drive, placed, &sprockets, &guides, sense);
-        check_clearances(drive, &sprockets, &guides, &mut diags);
+        check_clearances(drive, &sprockets, (&guides, &rails, &arms), &mut diags);
         if !diags.is_empty() {
             return Err(drive.places.report(diags));
         }

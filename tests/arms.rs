@@ -556,3 +556,33 @@ fn arms_and_rails_that_make_no_sense_are_refused_where_they_stand() {
         assert!(report.contains(says) && report.contains("-->"), "{set}: {report}");
     }
 }
+
+/// Stops, rails and guides that leave the loop no place say how far it would have to go beyond them, and where they stand in the file.
+#[test]
+fn what_stands_in_the_way_of_the_loop_is_told_with_its_distance() {
+    let stops = "\n[contact.stop.linear]\nstiffness_n_per_m = 1e7\n";
+    let arm = format!("{}{stops}", BUNDLED[3].1);
+    let ford = include_str!("../assets/drives/ford-v6.toml");
+    let v12 = include_str!("../assets/drives/v12-primary.toml");
+    for (text, set, says) in [
+        (arm.as_str(), "arms.tensioner.high_deg=-5", "stands 6.5"),
+        (arm.as_str(), "arms.tensioner.high_deg=0", "deg beyond this stop"),
+        (ford, "sliders.plunger.low_mm=1", "the loop closes where slider `plunger` stands 1.7"),
+        (ford, "sliders.plunger.high_mm=-3", "the loop closes where slider `plunger` stands 2."),
+        (v12, "guides.rail.tight.start_x_mm=-30", "guide `tight` runs through sprocket `idler`"),
+        (ford, "chain.silent.links=80", "shorter than its path as drawn"),
+    ] {
+        let report = match Drive::parse("way.toml", text, &[set.to_string()]) {
+            Err(report) => report.to_string(),
+            Ok(drive) => at_rest(&drive).err().map_or_else(|| "no error".to_string(), |e| e.to_string()),
+        };
+        println!("{set}\n{report}");
+        assert!(report.contains(says) && report.contains("-->"), "{set}: {report}");
+    }
+    // A slider that its stop holds by less than chains and stops give way says so.
+    let drive = drive(ford, &["sliders.plunger.low_mm=0"]);
+    let assembly = pitchline::assemble::assemble(&drive).unwrap_or_else(|e| panic!("{e}"));
+    let told = assembly.report.lines().join("\n");
+    println!("{told}");
+    assert!(told.contains("it rests on its stop `low_mm` with"), "{told}");
+}

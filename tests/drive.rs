@@ -621,8 +621,9 @@ fn a_motion_without_a_period_is_refused_with_its_place() {
     for orders in ["[1, 2]", "[1.5]", "[0.3333333333333333, 2]", "[0.25]"] {
         with(&format!("speed_rpm = 3000\norders = {orders}\namplitudes_deg = {orders}")).expect("a period");
     }
-    let odd =
-        with("speed_rpm = 3000\norders = [1.41421356]\namplitudes_deg = [0.1]").expect_err("no period").to_string();
+    let odd = with("speed_rpm = 3000\norders = [1.41421356]\namplitudes_deg = [0.1]\nphases_deg = [0]")
+        .expect_err("no period")
+        .to_string();
     assert!(odd.contains("order 1.41421356 does not come back within 12 turns"), "{odd}");
     assert!(odd.contains("orders = [1.41421356]"), "{odd}");
     let table = text

@@ -219,7 +219,7 @@ fn runs_and_keyframes_give_the_same_bits() {
 #[test]
 fn a_span_goes_slack_and_the_energy_closes() {
     const ENERGY: f64 = 1e-4;
-    let load = "\n[loads.orders.output]\norders = [1.5]\ntorques_nm = [30]\n";
+    let load = "\n[loads.orders.output]\norders = [1.5]\ntorques_nm = [30]\nphases_deg = [0]\n";
     let drive = parsed(&[SPANS, "chains.second.preload.tension_n=100"], load).expect("a drive");
     let Assembly { model, mut state, .. } = assembled(&drive);
     let (mut slack, mut steps) = ([0_u64; 2], 0_u64);

@@ -186,6 +186,11 @@ fn tensioners_that_make_no_sense_are_refused_where_they_stand() {
         ("[passages.check.feed]", "[passages.pipe.feed]\ndiameter_mm = 4\nlength_mm = 30", "too short"),
         ("[reservoirs.sump]", "[reservoirs.high]", "a chamber and a reservoir are called `high`"),
         ("[contact.tip.hunt_crossley]", "[contact.tip.soft]", "contact laws"),
+        (
+            "[passages.check.feed]",
+            "[chambers.far]\nvolume_mm3 = 100\n[passages.check.feed]",
+            "chamber `far` has no way in",
+        ),
     ] {
         assert!(text.contains(from), "{from}");
         let report = match Drive::parse("tensioner.toml", &text.replacen(from, to, 1), &[]) {

@@ -120,6 +120,26 @@ pub struct RestingArm {
     pub angle_rad: f64,
     /// Torque of its spring on it there [N m].
     pub spring_torque_nm: f64,
+    /// The stop that it rests on.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stop: Option<RestingStop>,
+}
+
+/// A stop that bears what rests on it.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct RestingStop {
+    /// Key of the stop in the drive file.
+    pub key: String,
+    /// Force that it bears [N].
+    pub force_n: f64,
+}
+
+impl RestingStop {
+    /// What a line of a report says of it; nothing where nothing rests on a stop.
+    fn words(stop: &Option<RestingStop>) -> String {
+        stop.as_ref()
+            .map_or_else(String::new, |s| format!("; it rests on its stop `{}` with {:.2} N", s.key, s.force_n))
+    }
 }
 
 /// Where a slider rests, from where it is drawn [m], and the force of its tip there [N].
@@ -131,6 +151,9 @@ pub struct RestingSlider {
     pub position_m: f64,
     /// Force with which its tip presses [N].
     pub tip_force_n: f64,
+    /// The stop that it rests on.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stop: Option<RestingStop>,
 }
 
 /// Mean tension of a chain at rest, unloaded, over one tooth period [N], and its lowest and highest value there.
@@ -187,11 +210,12 @@ impl AssemblyReport {
                 0.0 => String::new(),
                 torque => format!(", its spring {torque:.4} N m"),
             };
-            format!("arm {} = {degrees:.4} deg from its drawn position{spring}", a.arm)
+            format!("arm {} = {degrees:.4} deg from its drawn position{spring}{}", a.arm, RestingStop::words(&a.stop))
         }));
         lines.extend(self.sliders.iter().map(|s| {
             let (mm, force) = (s.position_m * 1e3, s.tip_force_n);
-            format!("slider {} = {mm:.4} mm from its drawn position, its tip {force:.2} N", s.slider)
+            let stop = RestingStop::words(&s.stop);
+            format!("slider {} = {mm:.4} mm from its drawn position, its tip {force:.2} N{stop}", s.slider)
         }));
         let first = || ChainPreload {
             chain: String::new(),

@@ -17,15 +17,15 @@ pub fn run(args: &DrivesArgs) -> Result<Outcome, Failure> {
         let (_, text) = super::drive_text(name)?;
         return print_out(&text);
     }
-    let titles: Vec<(&str, String)> = BUNDLED
-        .iter()
-        .map(|(name, text)| (*name, Drive::parse(name, text, &[]).map(|d| d.title).unwrap_or_default()))
-        .collect();
+    let of = |name: &'static str| Drive::bundled(name).map(|d| (name, d.title, d.source));
+    let drives: Vec<(&str, String, String)> = BUNDLED.iter().filter_map(|(name, _)| of(name)).collect();
     if args.json {
-        let list: Vec<_> =
-            titles.iter().map(|(name, title)| serde_json::json!({ "name": name, "title": title })).collect();
-        return print_json(&serde_json::json!({ "drives": list }));
+        let list = drives
+            .iter()
+            .map(|(name, title, source)| serde_json::json!({ "name": name, "title": title, "source": source }));
+        return print_json(&serde_json::json!({ "drives": list.collect::<Vec<_>>() }));
     }
-    let text: String = titles.iter().map(|(name, title)| format!("{name:<21} {title}\n")).collect();
+    let text: String =
+        drives.iter().map(|(name, title, source)| format!("{name:<21} {title}\n{:<21} {source}\n", "")).collect();
     print_out(&text)
 }

@@ -7,6 +7,7 @@ use super::Failure;
 use crate::assemble::{AssemblyError, compile};
 use crate::diag::Report;
 use crate::drive::Drive;
+use crate::drive::shafts::ORDERS_WITHOUT_PHASES;
 use crate::machine::{Machine, is_lumped};
 use crate::model::runs_through;
 use toml_edit::{DocumentMut, Item, Value, value};
@@ -15,15 +16,21 @@ use toml_edit::{DocumentMut, Item, Value, value};
 struct Change {
     /// What is refused since then.
     refused: &'static str,
-    /// Puts it right in a text that this version refuses so; returns what it has changed.
-    apply: fn(&mut DocumentMut, &Drive, &Report) -> Vec<String>,
+    /// Puts it right in a text that this version refuses so; returns what it has changed. There is no drive where the text is not read.
+    apply: fn(&mut DocumentMut, Option<&Drive>, &Report) -> Vec<String>,
 }
 
 /// All of them.
-const CHANGES: [Change; 1] = [Change {
-    refused: "since 2026-11-21 guides end clear of the sprockets' teeth, with their lead-in and lead-out",
-    apply: shorten_guides,
-}];
+const CHANGES: [Change; 2] = [
+    Change {
+        refused: "since 2026-11-21 guides end clear of the sprockets' teeth, with their lead-in and lead-out",
+        apply: shorten_guides,
+    },
+    Change {
+        refused: "since 2026-11-30 orders say their phases, which were 0 where none were given",
+        apply: add_phases,
+    },
+];
 
 /// Most rounds of changes: a guide gives way by this many times [`SHORTER_MM`].
 const MOST_ROUNDS: usize = 400;
@@ -41,16 +48,18 @@ pub(super) fn migrated(name: &str, text: &str) -> Result<(String, Vec<String>), 
     let mut changed = Vec::new();
     let mut now = text.to_string();
     for _ in 0..MOST_ROUNDS {
-        let drive = Drive::parse(name, &now, &[]).map_err(|report| Failure::Input(report.to_string()))?;
-        let report = match compile(&drive) {
-            Ok(_) => return Ok((now, told(changed))),
-            Err(AssemblyError::Input(report)) => report,
-            Err(other) => return Err(super::assembly_failure(other)),
+        let (drive, report) = match Drive::parse(name, &now, &[]) {
+            Ok(drive) => match compile(&drive) {
+                Ok(_) => return Ok((now, told(changed))),
+                Err(AssemblyError::Input(report)) => (Some(drive), report),
+                Err(other) => return Err(super::assembly_failure(other)),
+            },
+            Err(report) => (None, report),
         };
         let mut document: DocumentMut = now.parse().map_err(|e| Failure::Input(format!("{name}: {e}")))?;
         let before = changed.len();
         for change in &CHANGES {
-            let done = (change.apply)(&mut document, &drive, &report);
+            let done = (change.apply)(&mut document, drive.as_ref(), &report);
             changed.extend(done.into_iter().map(|what| (what, change.refused)));
         }
         if changed.len() == before {
@@ -74,8 +83,9 @@ fn told(changes: Vec<(String, &'static str)>) -> Vec<String> {
 }
 
 /// Guides that run through a sprocket at an end of their span get narrower ends, and then end a little earlier there.
-fn shorten_guides(document: &mut DocumentMut, drive: &Drive, report: &Report) -> Vec<String> {
+fn shorten_guides(document: &mut DocumentMut, drive: Option<&Drive>, report: &Report) -> Vec<String> {
     let mut changed = Vec::new();
+    let Some(drive) = drive else { return changed };
     'guides: for guide in &drive.guides {
         let chain = drive.sprockets.get(guide.span).map_or(0, |s| s.chain);
         let own = drive.sprockets_of(chain);
@@ -96,6 +106,31 @@ fn shorten_guides(document: &mut DocumentMut, drive: &Drive, report: &Report) ->
             let mm = number(table.get(key)).unwrap_or(0.0) + SHORTER_MM;
             put(table, key, mm);
             changed.push(format!("guides.fixed.{}.{key} = {mm}", guide.name));
+        }
+    }
+    changed
+}
+
+/// Orders without phases get those that they had: zeros.
+fn add_phases(document: &mut DocumentMut, _: Option<&Drive>, report: &Report) -> Vec<String> {
+    if report.diags.iter().all(|d| d.title != ORDERS_WITHOUT_PHASES) {
+        return Vec::new();
+    }
+    let mut changed = Vec::new();
+    for [group, kind] in [["speeds", "constant"], ["speeds", "table"], ["loads", "orders"]] {
+        let names: Vec<String> = table_at(document, &[group, kind])
+            .map(|tables| tables.iter().map(|(name, _)| name.to_string()).collect())
+            .unwrap_or_default();
+        for name in names {
+            let Some(table) = table_at(document, &[group, kind, &name]) else { continue };
+            let Some(orders) = table.get("orders").and_then(Item::as_array).map(toml_edit::Array::len) else {
+                continue;
+            };
+            if table.get("phases_deg").is_none() {
+                let zeros: toml_edit::Array = std::iter::repeat_n(0, orders).collect();
+                changed.push(format!("{group}.{kind}.{name}.phases_deg = {zeros}"));
+                table.insert("phases_deg", value(zeros));
+            }
         }
     }
     changed

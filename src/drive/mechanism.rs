@@ -398,7 +398,7 @@ pub(super) fn read_oil(root: &TomlTable<'_>, sliders: &[SliderSpec], has_lifters
     }
     for c in chambers.iter().filter(|c| passages.iter().all(|p| !p.ends.contains(&c.name))) {
         let help = "add a passage `between` it and a reservoir";
-        chamber_table.error(format!("chamber `{}` has no way in", c.name), Some(help.into()));
+        chamber_table.table(&c.name).error(format!("chamber `{}` has no way in", c.name), Some(help.into()));
     }
     Some(OilSpec { oil, chambers, reservoirs, passages })
 }

@@ -24,7 +24,7 @@ use std::sync::Arc;
 
 /// Reads everything; mistakes are kept by the reader and the returned values are then of no use.
 pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
-    let title = root.text("title").unwrap_or_default();
+    let [title, source] = ["title", "source"].map(|key| root.text(key).unwrap_or_default());
     // The other one is read by `machine`.
     root.choice("fidelity", &[("links", ())]);
     let several = root.table("chains");
@@ -133,6 +133,7 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
         text,
         overrides,
         title,
+        source,
         chain,
         links,
         fidelity,

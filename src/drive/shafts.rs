@@ -164,11 +164,19 @@ fn speed_table(t: &TomlTable<'_>) -> Vec<(f64, f64)> {
     times.into_iter().zip(speeds).collect()
 }
 
+/// What is said of `orders` without `phases_deg`.
+pub const ORDERS_WITHOUT_PHASES: &str = "orders without phases";
+
 /// `orders` with amplitudes and `phases_deg`.
 fn harmonics(t: &TomlTable<'_>, key: &str, unit: f64, range: std::ops::RangeInclusive<f64>) -> Vec<Harmonic> {
     let orders = t.list("orders", 1.0, 0.01..=1000.0).unwrap_or_default();
     let amplitudes = t.list(key, unit, range).unwrap_or_default();
-    let phases = t.list("phases_deg", DEG, -3600.0..=3600.0).unwrap_or_else(|| vec![0.0; orders.len()]);
+    let phases = t.list("phases_deg", DEG, -3600.0..=3600.0).unwrap_or_default();
+    if !orders.is_empty() && phases.is_empty() {
+        let zeros = vec!["0"; orders.len()].join(", ");
+        t.error_at("orders", ORDERS_WITHOUT_PHASES.into(), Some(format!("add `phases_deg = [{zeros}]`")));
+        return Vec::new();
+    }
     if orders.len() != amplitudes.len() || orders.len() != phases.len() {
         let counts = format!("{} orders, {} {key}, {} phases_deg", orders.len(), amplitudes.len(), phases.len());
         t.error(counts, Some("give as many of each".into()));

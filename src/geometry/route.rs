@@ -66,7 +66,7 @@ pub enum RouteError {
     /// The chain would not touch this pulley, or would have to cross itself. Index into all pulleys.
     Unwrapped { pulley: usize },
     /// No position closes this number of links.
-    Open { links: usize, fits: Vec<usize> },
+    Open { links: usize, fits: Vec<usize>, longer_m: f64 },
 }
 
 impl std::fmt::Display for RouteError {
@@ -80,7 +80,7 @@ impl std::fmt::Display for RouteError {
             RouteError::Unwrapped { pulley } => {
                 write!(f, "the chain does not wrap sprocket {pulley} of the route from this side")
             }
-            RouteError::Open { links, fits } => {
+            RouteError::Open { links, fits, .. } => {
                 write!(f, "a loop of {links} links does not close")?;
                 if !fits.is_empty() {
                     write!(f, "; possible here: {fits:?}")?;
@@ -116,7 +116,7 @@ impl Route {
                 RouteError::Overlap { first: kept[first], second: kept[second], needed_m }
             }
             RouteError::Unwrapped { pulley } => RouteError::Unwrapped { pulley: kept[pulley] },
-            RouteError::Open { links, fits } => RouteError::Open { links, fits },
+            RouteError::Open { links, fits, longer_m } => RouteError::Open { links, fits, longer_m },
         })?;
         route.stops = (0..kept.len()).filter(|i| !chosen[*i].is_optional).collect();
         route.pulleys = kept;
@@ -362,6 +362,7 @@ pub fn close_loop(
     };
     let (mut excess, mut route) = at(0.0)?;
     let first_fit = route.links_that_fit(pitch_m);
+    let longer_m = excess;
     let mut shift = 0.0;
     let mut slope = -slope_m;
     for _ in 0..60 {
@@ -381,5 +382,5 @@ pub fn close_loop(
         }
     }
     let even = 2 * (0.5 * first_fit).round() as usize;
-    Err(RouteError::Open { links, fits: vec![even.saturating_sub(2), even, even + 2] })
+    Err(RouteError::Open { links, fits: vec![even.saturating_sub(2), even, even + 2], longer_m })
 }

@@ -500,6 +500,10 @@ fn without_rejected_effects<'a>(
     trials: &mut [Trial],
 ) -> (FittedModel<'a>, Vec<Evidence>) {
     loop {
+        if best.effects.is_empty() {
+            // Its fit went on from the one with the effect; the declared model has had several starts.
+            return (declared.clone(), Vec::new());
+        }
         let mut weakest: Option<(f64, FittedModel<'a>, usize, String)> = None;
         let mut all_evidence = Vec::new();
         for which in 0..best.effects.len() {
@@ -512,6 +516,10 @@ fn without_rejected_effects<'a>(
                 weakest = Some((evidence.score, less, which, why));
             }
             all_evidence.push(evidence);
+        }
+        if context.must_end() {
+            // Fits that the end of the time has cut short are no evidence, neither for an effect nor against it.
+            return (best, Vec::new());
         }
         let Some((_, less, which, why)) = weakest else { return (best, all_evidence) };
         let id = best.effects[which].identity();

@@ -235,9 +235,14 @@ fn with_a_value_for_each<'a>(model: &FittedModel<'a>, global: usize, records: &[
     let held_out_ratio = is_judged.then(|| other.residuals().judge_ratio(model.residuals()));
     let is_between = |r: &usize| records.iter().any(|own| own < r) && records.iter().any(|own| own > r);
     let judges = model.own.segments.iter().map(|s| s.record).filter(|r| !records.contains(r));
-    let is_tested = records.len() >= LEAST_RECORDS && judges.into_iter().any(|r| is_between(&r));
+    let mut between: Vec<usize> = judges.filter(is_between).collect();
+    between.dedup();
+    let is_tested = !between.is_empty() && records.len() + between.len() >= LEAST_RECORDS;
     let falls_enough = |[ratio, _, high]: [f64; 3]| ratio < MOST_HELD_OUT && high < 1.0;
-    let is_predicted = is_tested && held_out_ratio.is_some_and(falls_enough);
+    let is_predicted = match is_tested {
+        true => held_out_ratio.is_some_and(falls_enough),
+        false => records.len() >= LEAST_RECORDS && inner_records_lie_between(&other, model, global, records),
+    };
     let course = match () {
         () if !is_predicted => Course::NoOrder,
         () if values.windows(2).all(|w| w[1] < w[0]) => Course::Falls,
@@ -256,6 +261,27 @@ fn with_a_value_for_each<'a>(model: &FittedModel<'a>, global: usize, records: &[
     let beside = model.effects.iter().map(super::candidates::Hypothesis::identity).collect();
     let number = VaryingNumber { path, beside, course, values, fitted_ratio, held_out_ratio };
     Some(DriftingNumber { number, model: other, left })
+}
+
+/// Whether every inner record is followed better with a value between those of its neighbours than with one value for all, where no record is held
+/// out between them. The neighbours' values were fitted without it.
+fn inner_records_lie_between(other: &FittedModel, model: &FittedModel, global: usize, records: &[usize]) -> bool {
+    let own = &other.fit.point.globals[global..global + records.len()];
+    let without = Problem { weights: other.problem.weights.clone(), ..model.problem.clone() };
+    let errs = |problem: &Problem, globals: &[f64], locals: &[Vec<f64>], record: usize| -> f64 {
+        let parts = (0..problem.data.segments.len()).filter(|k| problem.data.segments[*k].record == record);
+        parts.flat_map(|k| problem.residuals(k, globals, &locals[k])).map(|r| r * r).sum()
+    };
+    (1..records.len() - 1).all(|i| {
+        let kept = |k: &usize| *k != i;
+        let (of, values): (Vec<usize>, Vec<f64>) =
+            (0..records.len()).filter(kept).map(|k| (records[k], own[k])).unzip();
+        let mut globals = other.fit.point.globals.clone();
+        globals[global + i] = between_neighbours(&of, &values, records[i]);
+        let between = errs(&other.problem, &globals, &other.fit.point.locals, records[i]);
+        let one = errs(&without, &model.fit.point.globals, &model.fit.point.locals, records[i]);
+        between < MOST_HELD_OUT * MOST_HELD_OUT * one
+    })
 }
 
 /// Value at a record, on a curve through the records that have one, which turns nowhere between two of them (monotone cubic, Fritsch and

@@ -25,6 +25,7 @@ mod input_noise;
 pub mod inverse;
 #[doc(hidden)]
 pub mod judge;
+pub mod misread;
 #[doc(hidden)]
 pub mod model;
 #[doc(hidden)]
@@ -114,6 +115,7 @@ pub fn identify(
             return Err(DeclaredModelFails { record: data.records[s.record].clone(), cause });
         }
     }
+    let misread = misread::misread(&problem, &start);
     let records_on_the_way = Default::default();
     let searched = search::search(measurement, problem, &own, context);
     let (searched, begun) =
@@ -174,8 +176,11 @@ pub fn identify(
         context.report("inverse dynamics: the same numbers by another way");
         report.set_inverse_dynamics(inverse::second_voice(&found.best, context));
     }
+    let misread::Misread { doubts: mut misread, notes } = misread;
     for moved in moved::moved_numbers(measurement, &found.declared, &found.best) {
-        if !moved.is_at_bound && report.is_confirmed(&moved.path) {
+        if let Some(unit) = moved.as_unit() {
+            misread.push(unit);
+        } else if !moved.is_at_bound && report.is_confirmed(&moved.path) {
             report.warnings.push(moved.text + "; inverse dynamics gives the same number");
         } else if moved.is_implausible {
             report.doubts.push(moved.text);
@@ -190,6 +195,7 @@ pub fn identify(
     if !report.explained {
         report.doubts.extend(plausible::doubts(&found.declared, &found.best));
     }
+    report.doubts.extend(plausible::sizes_that_no_machine_has(&found.best));
     context.report("analysing the residuals");
     report.diagnosis = diagnosis::diagnose(&found.declared, context.threads);
     if !report.effects.is_empty() {
@@ -200,12 +206,13 @@ pub fn identify(
         report.unnamed = unnamed::search(&found.best, &own, context);
     }
     if report.outcome == IdentificationVerdict::Named {
-        report.outcome = match (report.doubts.is_empty() && !cut_short, report.explained) {
+        report.outcome = match (report.doubts.is_empty() && misread.is_empty() && !cut_short, report.explained) {
             (false, _) => IdentificationVerdict::Lead,
             (true, false) => IdentificationVerdict::Part,
             (true, true) => IdentificationVerdict::Named,
         };
     }
+    report.look_first = misread.into_iter().chain(notes).collect();
     report.interrupted = context.stop.load(Ordering::Relaxed);
     report.budget_spent = context.must_end() && !report.interrupted;
     report.model_runs = context.runs.load(Ordering::Relaxed);

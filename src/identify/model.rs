@@ -102,12 +102,13 @@ impl<'a> FittedModel<'a> {
             .all(|times| times < NEAR_FLOOR)
     }
 
-    /// Whether white noise of the known size is all that is left of every channel: a further effect would be lost in it.
+    /// Whether white noise of the known size, or far less than it, is all that is left of every channel: a further effect would be lost in it.
     pub fn is_noise_alone(&self) -> bool {
         let is_noise = |left: &[Vec<f64>], noise: f64| {
             let samples = left.iter().map(Vec::len).sum::<usize>() as f64;
             let is_chance = stats::neighbour_correlation(left).abs() * libm::sqrt(samples) < CHANCE;
-            is_chance && stats::rms(left) <= NOISE_ALONE * noise && stats::white(left)
+            let rms = stats::rms(left);
+            rms <= NOTHING_LEFT * noise || is_chance && rms <= NOISE_ALONE * noise && stats::white(left)
         };
         let mut channels = self.problem.data.channels.iter().zip(&self.fit_residuals);
         self.problem.machine.effort().noise_alone_is_left && channels.all(|(c, left)| is_noise(left, c.noise))

@@ -1,5 +1,6 @@
 //! Declared numbers that the fit has moved far from the drive file: they may hide an effect that is missing.
 
+use super::misread::unit_factors;
 use super::model::FittedModel;
 use super::problem::Global;
 use crate::measurement::Measurement;
@@ -16,10 +17,29 @@ pub struct MovedNumber {
     pub path: String,
     /// What the user is told.
     pub text: String,
+    /// Its value over that of the file.
+    pub times: f64,
     /// Whether nothing in the measurement file says that it may lie so far off.
     pub is_implausible: bool,
     /// Whether it ends at a limit of its range, so that no other way confirms it.
     pub is_at_bound: bool,
+}
+
+impl MovedNumber {
+    /// What is said of it where it has moved by the factor between two units.
+    pub fn as_unit(&self) -> Option<String> {
+        let factors = unit_factors(self.times);
+        // Loads are rough guesses in many files, and differ from state to state.
+        let is_known = !self.path.starts_with("loads.") && !self.is_at_bound;
+        (is_known && !factors.is_empty() && libm::log(self.times).abs() > IMPLAUSIBLE_CHANGE).then(|| {
+            format!(
+                "the fit has moved `{}` to {:.4} times the file's value, near a factor of {}: is a unit wrong, in the drive file or in the records?",
+                self.path,
+                self.times,
+                factors.join("; or of ")
+            )
+        })
+    }
 }
 
 /// Declared numbers that the final fit has moved far from their file values.
@@ -48,8 +68,9 @@ pub fn moved_numbers(measurement: &Measurement, declared: &FittedModel, best: &F
         let has_range = own.is_some_and(|f| f.low.is_some() || f.high.is_some());
         let (low, high) = g.law.bounds();
         let is_at_bound = *to <= low || *to >= high;
-        let is_implausible = stated.is_none() && !has_range;
-        far.then(|| MovedNumber { path, text: moved + &why, is_implausible, is_at_bound })
+        let is_beyond = g.law.logarithm && (from - to).abs() > IMPLAUSIBLE_CHANGE;
+        let is_implausible = (stated.is_none() || is_beyond) && !has_range;
+        far.then(|| MovedNumber { path, text: moved + &why, times, is_implausible, is_at_bound })
     };
     numbers.filter_map(text).collect()
 }

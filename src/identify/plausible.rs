@@ -5,7 +5,8 @@
 
 use super::judge::Residuals;
 use super::model::{FittedModel, globals_of};
-use crate::effects::{Kind, Scale, warming_friction};
+use crate::effects::{Kind, Scale, constant_torque, offset, warming_friction};
+use crate::machine::{Input, InputKind, Target};
 
 /// A law of the speed must bend below so many root mean squares of the body's speed. A sine reaches 1.4 of them, a run-up from rest 1.7.
 const REACHED: f64 = 3.0;
@@ -87,6 +88,81 @@ pub fn doubts(declared: &FittedModel, best: &FittedModel) -> Vec<String> {
         }
     }
     all
+}
+
+/// A force may be so many times the largest that goes in.
+const MOST_OF_INPUT: f64 = 3.0;
+/// A zero offset may differ from what the channel reads at rest by this share of itself, beside so many times the noise.
+const OFFSET_AT_REST: f64 = 0.2;
+const NOISE_AT_REST: f64 = 10.0;
+
+/// What speaks against sizes that the records themselves refute: a force far above what goes in, an offset that a channel at rest does not show.
+pub fn sizes_that_no_machine_has(best: &FittedModel) -> Vec<String> {
+    (0..best.effects.len())
+        .filter_map(|which| force_above_inputs(best, which).or_else(|| offset_at_rest(best, which)))
+        .collect()
+}
+
+/// The largest amplitude of an effect, scaled, with its path.
+fn largest_amplitude(best: &FittedModel, which: usize) -> Option<(f64, String)> {
+    let row_of = |key: &str| best.effects[which].rows.iter().find(|row| row.key == key || row.sliding_key == key);
+    let of = |g: usize| {
+        let slot = &best.problem.machine.slots[best.problem.globals[g].slot];
+        let row = row_of(slot.path.rsplit('.').next().unwrap_or_default())?;
+        let value = best.problem.globals[g].law.value(best.fit.point.globals[g]);
+        (row.kind == Kind::Amplitude).then(|| (value, slot.path.clone()))
+    };
+    globals_of(best, which).into_iter().filter_map(of).max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))
+}
+
+/// A constant force or a dry friction on a body that one measured force drives, far above that force. Where a force never moves, the body coasts.
+fn force_above_inputs(best: &FittedModel, which: usize) -> Option<String> {
+    let h = &best.effects[which];
+    let machine = &best.problem.machine;
+    let Target::Body(body) = h.target else { return None };
+    let is_force = h.effect.kin.family == Some(DRY_FRICTION) || *h.effect == constant_torque::ROW;
+    let own = |input: &Input| matches!(input.kind, InputKind::Force(_)) && input.body == body;
+    let (input, gain) = machine.inputs.iter().enumerate().find_map(|(k, input)| match input.kind {
+        InputKind::Force(gain) if own(input) => Some((k, machine.values[gain])),
+        InputKind::Force(_) | InputKind::Speed | InputKind::Angle | InputKind::Acceleration => None,
+    })?;
+    if !is_force || !machine.springs.is_empty() || machine.inputs.iter().filter(|i| own(i)).count() != 1 {
+        return None;
+    }
+    let series = best.problem.data.segments.iter().filter_map(|s| s.task.inputs.get(input)).flatten();
+    let (low, high) =
+        series.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), u| (low.min(gain * u), high.max(gain * u)));
+    let largest = low.abs().max(high.abs());
+    let (size, path) = largest_amplitude(best, which)?;
+    (high > low && size.abs() > MOST_OF_INPUT * largest).then(|| {
+        format!(
+            "`{path}` is {:.1} times the largest force that goes in: nothing that this input drives has that",
+            size.abs() / largest
+        )
+    })
+}
+
+/// A zero offset that a channel does not show where the machine is declared to be at rest.
+fn offset_at_rest(best: &FittedModel, which: usize) -> Option<String> {
+    let h = &best.effects[which];
+    let Target::Sensor(sensor) = h.target else { return None };
+    if *h.effect != offset::ROW {
+        return None;
+    }
+    let c = best.problem.data.channels.iter().position(|c| c.sensor == sensor)?;
+    let channel = &best.problem.data.channels[c];
+    let at_rest = best.problem.data.segments.iter().filter(|s| s.at_rest);
+    let first = at_rest.filter_map(|s| s.measured.get(c)?.iter().copied().find(|v| v.is_finite())).next()?;
+    let (size, path) = largest_amplitude(best, which)?;
+    let shown = |value: f64| value * channel.shown;
+    ((first - size).abs() > NOISE_AT_REST * channel.sensor_noise + OFFSET_AT_REST * size.abs()).then(|| {
+        format!(
+            "`{path}` is {:.4} {}, and the channel begins with {:.4} at rest: it has no such offset",
+            shown(size),
+            channel.unit,
+            shown(first)
+        )
+    })
 }
 
 /// Friction whose size does not grow with the speed, as the catalogue names the family.

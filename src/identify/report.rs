@@ -243,6 +243,8 @@ pub struct IdentificationReport {
     pub prediction: Option<Prediction>,
     /// Numbers that differ from record to record, where something is left or a size goes one way with the records; the one that explains most first.
     pub varying: Vec<VaryingNumber>,
+    /// What the user should look at before all else: records that contradict each other or the drive file.
+    pub look_first: Vec<String>,
     /// What speaks against the accepted effects; each makes a LEAD of what would be NAMED.
     pub doubts: Vec<String>,
     /// Numbers, of the drive and of effects, that the records hardly tell apart.
@@ -580,6 +582,7 @@ pub fn report(measurement: &Measurement, data: &Data, found: &AcceptedResult) ->
         inverse_dynamics: None,
         prediction: None,
         varying: Vec::new(),
+        look_first: Vec::new(),
         doubts: Vec::new(),
         warnings: data.warnings.clone(),
         converged: found.declared.fit.converged && best.fit.converged,
@@ -665,7 +668,8 @@ fn budget(found: &AcceptedResult) -> Vec<Share> {
         .collect();
     if weights <= 0.0 && left < 1.0 {
         // The best start of the same model.
-        shares.push(Share { of: "numbers of the drive".into(), percent: 100.0 * (1.0 - left) });
+        let of = if found.best.effects.is_empty() { "numbers of the drive" } else { "all effects together" };
+        shares.push(Share { of: of.into(), percent: 100.0 * (1.0 - left) });
     }
     let noise = mean(&|c| found.declared.problem.data.channels[c].noise).min(left);
     shares.push(Share { of: "noise floor".into(), percent: 100.0 * noise });

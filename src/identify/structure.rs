@@ -231,7 +231,8 @@ pub fn experiment(a: &str, b: &str) -> String {
             "a record with slow reversals and one at a much higher steady speed: the laws differ most at both ends"
         }
         (Some(OncePerTurn), Some(Marks)) | (Some(Marks), Some(OncePerTurn)) => {
-            "a second sensor on the same shaft, or a record at twice the speed: an error of marks keeps its share of the interval, a torque does not"
+            "a second sensor on the same shaft, or the same run with another inertia on it: an error of marks keeps its share of the interval, what a torque does falls with the inertia; \
+             speed alone parts a constant torque from marks, an unbalance not"
         }
         (Some(Marks), Some(Marks)) => {
             "a record at twice the speed: spacing keeps its share of the interval, strength its time"

@@ -1,7 +1,9 @@
 //! The report as text.
 
 use super::diagnosis::Diagnosis;
-use super::report::{Correlation, FittedNumber, IdentificationReport, IdentificationVerdict, NamedEffect};
+use super::report::{
+    ChannelError, Correlation, FittedNumber, IdentificationReport, IdentificationVerdict, NamedEffect,
+};
 use std::fmt::Write;
 
 /// Four significant digits.
@@ -64,21 +66,6 @@ fn write_all(t: &mut String, r: &IdentificationReport) {
     // Writing into a String never fails.
     let _infallible = (|| -> std::fmt::Result {
         writeln!(t, "{}", r.title)?;
-        for c in &r.clocks {
-            writeln!(
-                t,
-                "  record {:<14} {:>8} samples, {} 1/s, {:.4} s{}",
-                c.record,
-                c.samples,
-                four_digits(c.rate_hz),
-                c.length_s,
-                if c.gaps > 0 { format!(", {} gaps", c.gaps) } else { String::new() }
-            )?;
-        }
-        for w in &r.wheels {
-            writeln!(t, "  {}", w.to_string().replace('\n', "\n  "))?;
-        }
-        writeln!(t, "  held-out samples {}, drive {}", r.held_out_hash, r.drive_hash)?;
         writeln!(t, "\n{}", verdict(r))?;
         writeln!(
             t,
@@ -93,6 +80,9 @@ fn write_all(t: &mut String, r: &IdentificationReport) {
                 "NOT EXPLAINED: what is left is above the noise floor, or not white"
             }
         )?;
+        for first in &r.look_first {
+            writeln!(t, "LOOK FIRST: {first}")?;
+        }
         for doubt in &r.doubts {
             writeln!(t, "DOUBT: {doubt}")?;
         }
@@ -112,6 +102,8 @@ fn write_all(t: &mut String, r: &IdentificationReport) {
                 };
             writeln!(t, "PARTIAL: {why}; {then}")?;
         }
+        falls(t, r)?;
+        records(t, r)?;
         errors(t, r)?;
         prediction(t, r)?;
         effects(t, r)?;
@@ -123,6 +115,52 @@ fn write_all(t: &mut String, r: &IdentificationReport) {
         }
         push_remaining_sections(t, r)
     })();
+}
+
+/// How far the effects take the error of the channel that is left farthest above its floor, in words.
+fn falls(t: &mut String, r: &IdentificationReport) -> std::fmt::Result {
+    if r.effects.is_empty() {
+        return Ok(());
+    }
+    let Some(floor) = r.noise_floor.iter().max_by(|a, b| a.times_floor.total_cmp(&b.times_floor)) else {
+        return Ok(());
+    };
+    let of_channel = |all: &[ChannelError]| {
+        let own = all.iter().find(|e| e.channel == floor.channel && e.record.is_none())?;
+        own.held_out.or(own.fit)
+    };
+    match (of_channel(&r.error_before), of_channel(&r.error_after)) {
+        (Some(before), Some(after)) => writeln!(
+            t,
+            "with this, the error of `{}` falls from {} to {} {}, {:.2} times its noise floor",
+            floor.channel,
+            four_digits(before),
+            four_digits(after),
+            floor.unit,
+            floor.times_floor
+        ),
+        _ => Ok(()),
+    }
+}
+
+/// The records, and what they are told apart by.
+fn records(t: &mut String, r: &IdentificationReport) -> std::fmt::Result {
+    writeln!(t)?;
+    for c in &r.clocks {
+        writeln!(
+            t,
+            "  record {:<14} {:>8} samples, {} 1/s, {:.4} s{}",
+            c.record,
+            c.samples,
+            four_digits(c.rate_hz),
+            c.length_s,
+            if c.gaps > 0 { format!(", {} gaps", c.gaps) } else { String::new() }
+        )?;
+    }
+    for w in &r.wheels {
+        writeln!(t, "  {}", w.to_string().replace('\n', "\n  "))?;
+    }
+    writeln!(t, "  held-out samples {}, drive {}", r.held_out_hash, r.drive_hash)
 }
 
 /// Where prediction decided: what of the motion was corrected, the simulated errors, and what stands by one way alone.

@@ -12,6 +12,8 @@ pub const MAX_MARKS: usize = 60;
 /// Reads everything. The reader collects the errors; the returned values are then invalid.
 pub(super) fn machine(root: &TomlTable<'_>) -> Machine {
     let mut m = Machine::empty(root.text("title").unwrap_or_default());
+    // Text for people alone.
+    root.text("source");
     root.choice("fidelity", &[("lumped", ())]);
     bodies(root, &mut m);
     springs(root, &mut m);

@@ -413,7 +413,7 @@ mod tests {
     fn folding_begins_a_whole_number_of_periods_after_the_start_however_long_it_settles() {
         let (name, text) = BUNDLED.iter().find(|(name, _)| *name == "tensioner-20-40").unwrap_or(&BUNDLED[0]);
         // A speed that swings makes the plunger pump; through a gap of 12 um it creeps.
-        let swings = "orders = [2]\namplitudes_deg = [1.5]\nspeed_rpm = 3000";
+        let swings = "orders = [2]\namplitudes_deg = [1.5]\nphases_deg = [0]\nspeed_rpm = 3000";
         let text = format!("{}\n[sensors.encoder.driver]\n", text.replace("speed_rpm = 3000", swings));
         let drive = Drive::parse(name, &text, &["effects.leak_gap.plunger.gap_um=-18".to_string()])
             .unwrap_or_else(|e| panic!("{e}"));

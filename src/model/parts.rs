@@ -7,12 +7,12 @@ use crate::diag::Diag;
 use crate::drive::{ChainSpec, Drive, OuterSpec, RailSpec, SprocketDrive};
 use crate::elements::body_frame::BodyFrame;
 use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
-use crate::geometry::Vec2;
 use crate::geometry::chain::LinkShape;
 use crate::geometry::guide::{GuideSide, StraightGuide};
 use crate::geometry::rail::Rail;
 use crate::geometry::route::Route;
 use crate::geometry::sprocket::Sprocket;
+use crate::geometry::{Vec2, cross};
 use crate::pairs::contour_body::{EndBody, EndShape, SeatDirections, SilentTooth};
 use crate::pairs::plate_guide::GuideBody;
 use crate::pairs::plate_rail::RailBody;
@@ -244,7 +244,7 @@ pub fn runs_through(guide: &str, sprocket: &str) -> String {
 pub(super) fn check_clearances(
     drive: &Drive,
     sprockets: &[SprocketModel],
-    guides: &[GuideModel],
+    (guides, rails, arms): (&[GuideModel], &[RailModel], &[ArmModel]),
     diags: &mut Vec<Diag>,
 ) {
     let mm = |v: Vec2| Vector::new(v.x * 1e3, v.y * 1e3);
@@ -264,6 +264,7 @@ pub(super) fn check_clearances(
             }
         }
     }
+    let mut contours: Vec<Contour> = Vec::new();
     for g in guides {
         let path = format!("guides.fixed.{}", g.name);
         // Faces for abutments lie beside the teeth and reach to the rings.
@@ -275,22 +276,57 @@ pub(super) fn check_clearances(
             ));
             continue;
         }
-        if !g.body.touches_plates {
-            continue;
-        }
         let Ok(profile) = g.geometry.profile() else { continue };
-        let placed = profile.moved(g.geometry.angle_rad(), g.geometry.origin);
-        let contour = Polyline::new(placed.polyline(10e-6).into_iter().map(mm).collect(), None);
-        for s in sprockets {
-            if let Ok(gap) = query::distance(&Pose::IDENTITY, &contour, &at(s.frame.origin), &ball(s))
-                && gap.distance <= 0.0
-            {
-                diags.push(drive.places.error(
-                    &path,
-                    runs_through(&g.name, &s.name),
-                    Some("make it shorter at that end (`start_mm`, `end_mm`) or move it away (`clearance_um`)".into()),
-                ));
-            }
+        if g.body.touches_plates {
+            let placed = profile.moved(g.geometry.angle_rad(), g.geometry.origin);
+            let help = "make it shorter at that end (`start_mm`, `end_mm`) or move it away (`clearance_um`)";
+            contours.push(Contour { name: &g.name, path, points: placed.polyline(CONTOUR_TOLERANCE_M), help });
         }
     }
+    for r in rails {
+        let arm = arms.iter().find(|a| r.frame.turn == Some(a.coordinate));
+        let (origin, angle) = arm.map_or((r.frame.origin, 0.0), |a| (a.pivot, a.start_rad));
+        contours.push(Contour {
+            name: &r.name,
+            path: format!("guides.rail.{}", r.name),
+            points: r.rail.profile.moved(angle, origin).polyline(CONTOUR_TOLERANCE_M),
+            help: "make it shorter at that end, or move it away",
+        });
+    }
+    for (k, contour) in contours.iter().enumerate() {
+        let line = Polyline::new(contour.points.iter().copied().map(mm).collect(), None);
+        for s in sprockets {
+            if let Ok(gap) = query::distance(&Pose::IDENTITY, &line, &at(s.frame.origin), &ball(s))
+                && gap.distance <= 0.0
+            {
+                let title = runs_through(contour.name, &s.name);
+                diags.push(drive.places.error(&contour.path, title, Some(contour.help.into())));
+            }
+        }
+        if let Some(other) = contours[..k].iter().find(|other| cross_each_other(&contour.points, &other.points)) {
+            let title = format!("guides `{}` and `{}` cross each other", other.name, contour.name);
+            diags.push(drive.places.error(&contour.path, title, Some("make one of them shorter, or move it".into())));
+        }
+    }
+}
+
+/// What the chain runs on of a guide or rail, as it stands where the loop closes.
+struct Contour<'a> {
+    name: &'a str,
+    path: String,
+    points: Vec<Vec2>,
+    help: &'static str,
+}
+
+/// Largest distance of a contour from the lines between its points [m].
+const CONTOUR_TOLERANCE_M: f64 = 10e-6;
+
+/// Whether two open polylines cross. Those that only touch, as guides that lie end to end, do not.
+fn cross_each_other(one: &[Vec2], other: &[Vec2]) -> bool {
+    // Which side of the line from `a` to `b` the point `p` lies on.
+    let side = |a: Vec2, b: Vec2, p: Vec2| cross(b - a, p - a);
+    let parted = |(a, b): (Vec2, Vec2), (c, d): (Vec2, Vec2)| side(a, b, c) * side(a, b, d) < 0.0;
+    let lines = |points: &[Vec2]| points.iter().copied().zip(points.iter().copied().skip(1)).collect::<Vec<_>>();
+    let others = lines(other);
+    lines(one).into_iter().any(|a| others.iter().any(|b| parted(a, *b) && parted(*b, a)))
 }

@@ -228,9 +228,13 @@ pub(super) fn route_diag(drive: &Drive, e: &RouteError) -> Diag {
                 "check `route` (counterclockwise order), its position, and `wrap` (inside or outside the loop)".into(),
             ),
         ),
-        RouteError::Open { links, fits } => drive.places.error(
+        RouteError::Open { links, fits, longer_m } => drive.places.error(
             &format!("{}.links", drive.chain.path()),
-            format!("a loop of {links} links does not close round these sprockets"),
+            format!(
+                "a loop of {links} links does not close round these sprockets: it is {:.3} mm {} than its path as drawn",
+                longer_m.abs() * 1e3,
+                if *longer_m > 0.0 { "longer" } else { "shorter" }
+            ),
             Some(match fits.as_slice() {
                 [] => "change the number of links or the positions".into(),
                 fits => format!("near the positions given, {fits:?} links would fit"),

@@ -291,7 +291,8 @@ const TENSIONER_EFFECTS: [&str; 11] = [
 pub fn tensioner() -> Rig {
     let (_, text) = BUNDLED.iter().find(|(name, _)| *name == "tensioner-20-40").expect("it is bundled");
     Rig {
-        text: text.replace("speed_rpm = 3000", "orders = [2]\namplitudes_deg = [1.5]\nspeed_rpm = 3000"),
+        text: text
+            .replace("speed_rpm = 3000", "orders = [2]\namplitudes_deg = [1.5]\nphases_deg = [0]\nspeed_rpm = 3000"),
         sensors: "\n[sensors.tachometer.driven]\n\n[sensors.torque.driver]\n\n[sensors.strain_gauge.slack]\nspan = [\"driver\", \"driven\"]\n",
         channels: &[
             ("speed", "sensors.tachometer.driven", "rad/s"),

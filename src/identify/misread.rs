@@ -1,0 +1,228 @@
+//! Whether records are what their files say: channels that contradict each other, records of noise, inputs that never move, labels that are
+//! swapped, units that are off. The report tells it before all else: what is found from such records is no better than they are.
+
+use super::problem::{Point, Problem};
+use crate::machine::{InputKind, Machine, Reads, Sensor};
+use crate::measurement::facts;
+use crate::measurement::segments::{Data, RecordSegment};
+
+/// A channel contradicts another of the same quantity where it is so many times the other, or less than its inverse; where a mean
+/// differs by this share of the signal; or where both have less than this correlation.
+const CONTRADICTS: f64 = 1.25;
+const MEAN_DIFFERS: f64 = 0.25;
+const LEAST_CORRELATION: f64 = 0.7;
+/// A series holds noise alone where its standard deviation is at most so many times its noise by fourth differences, about a mean of at most so many of it.
+const NOISE_ALONE: f64 = 1.2;
+const ABOUT_ZERO: f64 = 3.0;
+/// Samples that tell noise from a signal.
+const FEWEST_SAMPLES: usize = 50;
+/// Labels are swapped where what another record sets leaves less than this share of the error, in both records, and the error is at least this share of
+/// the signal.
+const SWAPPED: f64 = 0.5;
+const LEAST_ERROR: f64 = 0.05;
+/// Records that are compared in pairs, at most.
+const MOST_RECORDS: usize = 12;
+/// Share by which a ratio may differ from the factor between two units: numbers of drawings are known to some 10 %.
+const NEAR_FACTOR: f64 = 0.12;
+
+/// Factors between units that are taken for each other.
+const FACTORS: [(f64, &str); 8] = [
+    (10.0, "10, as between bar and MPa"),
+    (100.0, "100, as between cm and m or percent and shares"),
+    (1e3, "1000, as between mm and m"),
+    (1e6, "a million, as between g mm2 and kg m2 over 1000"),
+    (1e9, "1e9, as between g mm2 and kg m2"),
+    (std::f64::consts::PI / 30.0, "2 pi / 60, as between 1/min and rad/s"),
+    (std::f64::consts::PI / 180.0, "pi / 180, as between degrees and radians"),
+    (2.0 * std::f64::consts::PI, "2 pi, as between turns and radians"),
+];
+
+/// The factors between units that a number lies near, which the fit has moved by `times`; empty: none.
+pub fn unit_factors(times: f64) -> Vec<&'static str> {
+    let off = |factor: f64| (libm::log(times.abs()).abs() - libm::log(factor).abs()).abs();
+    FACTORS.iter().filter(|(factor, _)| off(*factor) < NEAR_FACTOR).map(|(_, words)| *words).collect()
+}
+
+/// What speaks against the records.
+pub struct Misread {
+    /// What makes a lead of a name.
+    pub doubts: Vec<String>,
+    /// What is to be known first.
+    pub notes: Vec<String>,
+}
+
+/// What the records show before any fit; the numbers of `start` are those of the drive file.
+pub fn misread(problem: &Problem, start: &Point) -> Misread {
+    let (machine, data) = (&problem.machine, problem.data);
+    let mut doubts = contradictions(machine, data);
+    doubts.extend(swapped_records(problem, start));
+    let mut notes = records_of_noise(data);
+    notes.extend(idle_inputs(machine, data));
+    Misread { doubts, notes }
+}
+
+/// Pairs of channels that read one quantity and differ by more than sensors do.
+fn contradictions(machine: &Machine, data: &Data) -> Vec<String> {
+    let sensor = |c: usize| data.channels.get(c).and_then(|channel| machine.sensors.get(channel.sensor));
+    let is_same = |a: &Sensor, b: &Sensor| match a.reads {
+        Reads::Angle(_) | Reads::Speed(_) | Reads::Acceleration(_) | Reads::Tension(_) | Reads::Reaction(_) => {
+            a.reads == b.reads
+        }
+        // Wheels have marks of their own, and parts that are no bodies are not told apart here.
+        Reads::Pulses { .. } | Reads::Part(_) => false,
+    };
+    let mut all = Vec::new();
+    for (b, second) in data.channels.iter().enumerate() {
+        for (a, first) in data.channels.iter().enumerate().take(b) {
+            let (Some(one), Some(other)) = (sensor(a), sensor(b)) else { continue };
+            let gains = [one, other].map(|s| machine.values.get(s.gain).copied().unwrap_or(1.0));
+            let of = |s: &RecordSegment| -> Vec<[f64; 2]> {
+                let (Some(x), Some(y)) = (s.measured.get(a), s.measured.get(b)) else { return Vec::new() };
+                x.iter().zip(y).map(|(x, y)| [x / gains[0], y / gains[1]]).collect()
+            };
+            let pairs: Vec<[f64; 2]> = data.segments.iter().flat_map(of).filter(|[x, y]| (x + y).is_finite()).collect();
+            if is_same(one, other)
+                && let Some(how) = contradiction(&pairs)
+            {
+                all.push(format!(
+                    "channels `{}` and `{}` read the same quantity and contradict each other: `{}` {how}; correct its column, its unit or its gain, or take one of them away",
+                    first.name, second.name, second.name
+                ));
+            }
+        }
+    }
+    all
+}
+
+/// How the second of each pair contradicts the first.
+fn contradiction(pairs: &[[f64; 2]]) -> Option<String> {
+    let n = pairs.len() as f64;
+    if pairs.len() < FEWEST_SAMPLES {
+        return None;
+    }
+    let mean = |i: usize| pairs.iter().map(|p| p[i]).sum::<f64>() / n;
+    let means = [mean(0), mean(1)];
+    let product = |i: usize, j: usize| pairs.iter().map(|p| (p[i] - means[i]) * (p[j] - means[j])).sum::<f64>() / n;
+    let [first, second, both] = [product(0, 0), product(1, 1), product(0, 1)];
+    let signal = libm::sqrt(first + means[0] * means[0]);
+    let correlation = both / libm::sqrt((first * second).max(1e-300));
+    // By which factor the second follows the first where both move, and where both stand.
+    let times = both / first.max(1e-300);
+    let moves = libm::sqrt(first) > MEAN_DIFFERS * means[0].abs();
+    if moves && correlation < -LEAST_CORRELATION {
+        Some("has the opposite sign".into())
+    } else if moves && correlation < LEAST_CORRELATION {
+        Some(format!("follows it with a correlation of {correlation:.2}"))
+    } else if moves && !(1.0 / CONTRADICTS..=CONTRADICTS).contains(&times) {
+        Some(format!("is {times:.3} times the other"))
+    } else if (means[1] - times.min(CONTRADICTS).max(1.0 / CONTRADICTS) * means[0]).abs() > MEAN_DIFFERS * signal {
+        Some(format!("has a mean of {:.4} where the other has {:.4}", means[1], means[0]))
+    } else {
+        None
+    }
+}
+
+/// Records in which every sampled channel holds white noise about zero.
+fn records_of_noise(data: &Data) -> Vec<String> {
+    let is_noise = |series: &Vec<f64>| {
+        let known: Vec<f64> = series.iter().copied().filter(|v| v.is_finite()).collect();
+        let n = known.len() as f64;
+        let mean = known.iter().sum::<f64>() / n.max(1.0);
+        let deviation = libm::sqrt(known.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / n.max(1.0));
+        let noise = facts::noise(&known);
+        known.len() >= FEWEST_SAMPLES && deviation <= NOISE_ALONE * noise && mean.abs() <= ABOUT_ZERO * deviation
+    };
+    let holds_noise = |record: usize| {
+        let mut own = data.segments.iter().filter(|s| s.record == record).peekable();
+        own.peek().is_some() && own.all(|s| !s.measured.is_empty() && s.measured.iter().all(is_noise))
+    };
+    if data.channels.iter().any(|c| c.relative) {
+        return Vec::new();
+    }
+    let noisy = data.records.iter().enumerate().filter(|(record, _)| holds_noise(*record));
+    let say = |(_, name): (usize, &String)| {
+        format!(
+            "record `{name}` holds noise alone: no channel of it moves by more than its noise, and no effect can show in it"
+        )
+    };
+    noisy.map(say).collect()
+}
+
+/// Measured forces that have one value in all records.
+fn idle_inputs(machine: &Machine, data: &Data) -> Vec<String> {
+    let mut all = Vec::new();
+    for (k, input) in machine.inputs.iter().enumerate().filter(|(_, i)| matches!(i.kind, InputKind::Force(_))) {
+        let series = data.segments.iter().filter_map(|s| s.task.inputs.get(k));
+        let mut values = series.flatten().copied().filter(|v| v.is_finite());
+        let Some(first) = values.next() else { continue };
+        if values.all(|v| v == first) {
+            all.push(match first == 0.0 {
+                true => format!(
+                    "input `{}` is zero in every record: of torques and inertias only their ratios can be known",
+                    input.path
+                ),
+                false => format!(
+                    "input `{}` never moves: it is {first} in every record; is it the column of what drives the machine?",
+                    input.path
+                ),
+            });
+        }
+    }
+    all
+}
+
+/// Pairs of records of which each is followed far better with what the other one sets, or with its inputs: their labels may be swapped.
+fn swapped_records(problem: &Problem, start: &Point) -> Vec<String> {
+    let data = problem.data;
+    let n = data.segments.len();
+    let is_single = |k: usize| data.segments.iter().filter(|s| s.record == data.segments[k].record).count() == 1;
+    if n < 2 || n > MOST_RECORDS || problem.machine.period_pitches().is_some() || !(0..n).all(is_single) {
+        return Vec::new();
+    }
+    let set_of = |k: usize| data.set.get(data.segments[k].record);
+    let sets_differ = (1..n).any(|k| set_of(k) != set_of(0));
+    // The error of a segment over its signal, with what another segment has.
+    let error = |own: usize, other: usize| -> f64 {
+        let mut changed = data.clone();
+        if sets_differ {
+            changed.set[data.segments[own].record].clone_from(&data.set[data.segments[other].record]);
+        } else if data.segments[own].task.inputs.iter().map(Vec::len).eq(data.segments[other]
+            .task
+            .inputs
+            .iter()
+            .map(Vec::len))
+        {
+            changed.segments[own].task.inputs.clone_from(&data.segments[other].task.inputs);
+        } else {
+            return f64::NAN;
+        }
+        let problem = Problem { data: &changed, ..problem.clone() };
+        let Ok(model) = problem.model(own, &start.globals, &start.locals[own], false) else { return f64::NAN };
+        let of = |(measured, model): (&Vec<f64>, &Vec<f64>)| {
+            let known = || measured.iter().zip(model).filter(|(y, _)| y.is_finite());
+            let count = known().count().max(1) as f64;
+            let mean = known().map(|(y, _)| y).sum::<f64>() / count;
+            let signal: f64 = known().map(|(y, _)| (y - mean) * (y - mean)).sum();
+            let left: f64 = known().map(|(y, m)| (y - m) * (y - m)).sum();
+            left / signal.max(1e-300)
+        };
+        let channels = model.len().max(1) as f64;
+        libm::sqrt(data.segments[own].measured.iter().zip(&model).map(of).sum::<f64>() / channels)
+    };
+    let mut all = Vec::new();
+    for i in 0..n {
+        for j in i + 1..n {
+            let (own, crossed) = ([error(i, i), error(j, j)], [error(i, j), error(j, i)]);
+            let is_better = |k: usize| own[k] > LEAST_ERROR && crossed[k] < SWAPPED * own[k];
+            if is_better(0) && is_better(1) {
+                let name = |k: usize| &data.records[data.segments[k].record];
+                let what = if sets_differ { "what the other one sets" } else { "the inputs of the other one" };
+                all.push(format!(
+                    "the labels of records `{}` and `{}` may be swapped: with {what}, the errors of the declared drive fall from {:.0} and {:.0} to {:.0} and {:.0} % of the signal",
+                    name(i), name(j), 100.0 * own[0], 100.0 * own[1], 100.0 * crossed[0], 100.0 * crossed[1]
+                ));
+            }
+        }
+    }
+    all
+}
