@@ -4,6 +4,7 @@
 mod docs;
 
 use docs::{pages, shell_words};
+use pitchline::drive::BUNDLED;
 use std::process::{Command, Output};
 
 fn pitchline(args: &[&str]) -> Output {
@@ -608,4 +609,62 @@ fn every_chain_has_its_preload_in_the_report() {
     let lines: Vec<&str> = out.lines().filter(|line| line.contains("preload of chain")).collect();
     assert_eq!(lines.len(), 2, "{out}");
     assert!(!stdout(&pitchline(&["check", "bush-20-40"])).contains("of chain"));
+}
+
+/// The verbs of the debugger on the committed recording of every bundled drive: its impacts, the forces on a link, a window run again, which
+/// differs from itself in nothing and from the whole in its frames, and a stop where an expression becomes true.
+#[test]
+fn every_bundled_drive_is_debugged() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let zoomed = folder.path().join("zoomed.mcap");
+    let zoomed = zoomed.to_str().expect("text");
+    for (name, _) in BUNDLED {
+        let sample = format!("{}/recordings/samples/{name}.mcap", env!("CARGO_MANIFEST_DIR"));
+        let impacts = json(&pitchline(&["impacts", &sample, "--json"]));
+        assert!(impacts["impacts"].is_array() && impacts["drive"] == name, "{impacts}");
+        for link in ["0", "7", "30"] {
+            let body = json(&pitchline(&["explain", &sample, "--link", link, "--at", "1ms", "--json"]));
+            let left = |key: &str| body[key].as_f64().expect("a number");
+            assert!(left("remainder_share") < 1e-9 && left("remainder_moment_share") < 1e-9, "{name}: {body}");
+        }
+        let out = pitchline(&["zoom", &sample, "--from", "1ms", "--to", "1.05ms", "-o", zoomed]);
+        assert!(out.status.success(), "{name}: {}", stderr(&out));
+        let same = pitchline(&["diff", zoomed, zoomed]);
+        assert!(same.status.success() && stdout(&same).contains("equal, to the bit"), "{name}: {}", stdout(&same));
+        let stops = pitchline(&["run", name, "--duration", "1ms", "--no-output", "--break", "time > 0.05 ms", "--json"]);
+        assert!(stops.status.success(), "{name}: {}", stderr(&stops));
+        let at_s = json(&stops)["simulated_s"].as_f64().expect("a number");
+        assert!((5e-5..7e-5).contains(&at_s), "{name}: stopped at {at_s} s");
+    }
+}
+
+/// The list of bundled drives says where their numbers come from.
+#[test]
+fn every_bundled_drive_names_its_source() {
+    let listed = json(&pitchline(&["drives", "--json"]));
+    let drives = listed["drives"].as_array().expect("drives");
+    assert_eq!(drives.len(), BUNDLED.len());
+    for drive in drives {
+        let source = drive["source"].as_str().expect("a source");
+        assert!(["Schaffner", "Fritz", "Lin,", "Calì", "assumed"].iter().any(|s| source.starts_with(s)), "{drive}");
+    }
+    assert!(stdout(&pitchline(&["drives"])).contains("Fritz, Kell, Pfeiffer"));
+}
+
+/// Orders had a phase of zero where none was given: now they say it, and files of former versions get it.
+#[test]
+fn orders_of_former_versions_get_their_phases() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let text = stdout(&pitchline(&["drives", "ford-v6"]));
+    let former: String = text.lines().filter(|l| !l.starts_with("phases_deg = [0, 0, 0]")).map(|l| format!("{l}\n")).collect();
+    assert_ne!(text, former);
+    let path = folder.path().join("former.toml");
+    std::fs::write(&path, &former).expect("written");
+    let path = path.to_str().expect("text");
+    let refused = pitchline(&["check", path]);
+    assert!(stderr(&refused).contains("orders without phases") && stderr(&refused).contains("phases_deg = [0, 0, 0]"));
+    let migrated = pitchline(&["check", path, "--migrate"]);
+    assert!(migrated.status.success(), "{}", stderr(&migrated));
+    assert!(stdout(&migrated).contains("phases_deg = [0, 0, 0]"), "{}", stdout(&migrated));
+    assert!(stderr(&migrated).contains("speeds.constant.crank.phases_deg"), "{}", stderr(&migrated));
 }

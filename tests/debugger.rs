@@ -471,7 +471,9 @@ const REMAINDER: f64 = 1e-9;
 fn forces_on_a_link_add_up_to_its_acceleration() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut worst = 0.0_f64;
-    for (bundled, samples) in [(0, 800), (1, 150), (2, 60)] {
+    // The three chain types closely, the others in fewer samples; on a long chain most links of a sample touch nothing.
+    let samples_of = |bundled: usize| [800, 150, 60].get(bundled).copied().unwrap_or(40);
+    for (bundled, samples) in (0..BUNDLED.len()).map(|bundled| (bundled, samples_of(bundled))) {
         let path = folder.path().join("a.mcap");
         let header = record(bundled, &[], &path, STEPS[bundled], 2);
         let mut replay = Replay::open(&path).expect("opens");
@@ -489,7 +491,7 @@ fn forces_on_a_link_add_up_to_its_acceleration() {
                 assert!((sum - a.closing_speed_m_s).abs() < 1e-12);
             }
         }
-        assert!(contacts > samples / 5, "{contacts} contacts in {samples} samples");
+        assert!(contacts > if bundled < 3 { samples / 5 } else { 0 }, "{contacts} contacts in {samples} samples");
     }
     println!("largest remainder {worst:.1e} of the largest force");
 }

@@ -4,7 +4,7 @@
 #[path = "common/identified.rs"]
 mod identified;
 
-use identified::{ALL, identified};
+use identified::{ALL, identified, paths};
 use pitchline::identify::misread::unit_factors;
 use pitchline::identify::report::{IdentificationReport, IdentificationVerdict};
 use pitchline::identify::stats::Random;
@@ -55,7 +55,7 @@ fn told_first(what: &str, r: &IdentificationReport) -> String {
     println!("== {what}\n{}", text.lines().take(12).collect::<Vec<_>>().join("\n"));
     let (first, table) = (text.find("LOOK FIRST").unwrap_or(usize::MAX), text.find("record a").expect("the records"));
     assert!(first < table, "{what} is told before the records");
-    assert!(r.outcome != IdentificationVerdict::Named, "{what}: {:?}", r.outcome);
+    assert!(r.outcome != IdentificationVerdict::Named, "{what}: {:?} is named", paths(r));
     r.look_first.join("\n")
 }
 
@@ -89,7 +89,7 @@ fn channels_that_contradict_each_other_are_told() {
     let cases: [(&str, &dyn Fn(f64) -> f64, &str); 4] = [
         ("twice", &|v| 2.0 * v, "times the other"),
         ("sign", &|v| -v, "has the opposite sign"),
-        ("mean", &|v| v + 60.0, "has a mean of"),
+        ("mean", &|v| v + 60.0, "has a mean that differs"),
         (
             "noise",
             &|_| {

@@ -25,6 +25,8 @@ COLUMNS = [
     ("course", "warming cases: the true effect is told to vary, named or not"),
     ("sizes", "sizes of effects found: intervals"),
     ("sizes_hold", "of them hold the truth"),
+    ("sure_sizes", "sizes of sets that are NAMED, lack nothing and hold nothing false: intervals"),
+    ("sure_hold", "of them hold the truth"),
     ("inertias", "inertias of machines whose effects are all found: intervals"),
     ("inertias_hold", "of them hold the truth"),
     ("cut", "searches that the budget ended"),
@@ -125,8 +127,12 @@ def judge_numbers(truth, result, found, complete, out):
         values = {p["path"].rsplit(".", 1)[1]: p for p in effect["parameters"] if not p["at_bound"]}
         for key, true in truth["effects"][effect["path"]].items():
             if key in values and not key.startswith(FORMS):
+                is_held = int(holds(key, true, values, truth["effects"][effect["path"]]))
                 out["sizes"] += 1
-                out["sizes_hold"] += int(holds(key, true, values, truth["effects"][effect["path"]]))
+                out["sizes_hold"] += is_held
+                if complete:
+                    out["sure_sizes"] += 1
+                    out["sure_hold"] += is_held
     for number in result["numbers_after"]:
         path = number["path"]
         if complete and path in truth["numbers"] and path.startswith(("rotors", "sliders")):

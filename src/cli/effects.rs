@@ -97,8 +97,11 @@ fn whole(e: &Effect) -> String {
     text += &format!("  [effects.{}.TARGET]\n", e.name);
     for p in e.parameters {
         let default = p.default.map_or(String::new(), |d| format!(", {d} if not given"));
-        let sliding =
-            if p.key == p.sliding_key { String::new() } else { format!(" (`{}` on a slider)", p.sliding_key) };
+        let of_slides = p.sliding_default.map_or(String::new(), |d| format!(", {d} if not given"));
+        let sliding = match p.key == p.sliding_key {
+            true => String::new(),
+            false => format!(" (`{}` on a slider{of_slides})", p.sliding_key),
+        };
         text += &format!(
             "    {:<26} {} ..= {}, off at {}{default}; {}{}{sliding}\n",
             p.key,
@@ -119,7 +122,7 @@ fn json(e: &Effect) -> serde_json::Value {
         .map(|p| {
             serde_json::json!({
                 "key": p.key, "sliding_key": p.sliding_key, "low": p.low, "high": p.high, "off": p.off,
-                "default": p.default, "kind": kind(p.kind), "unit_si": p.unit,
+                "default": p.default, "sliding_default": p.sliding_default, "kind": kind(p.kind), "unit_si": p.unit,
             })
         })
         .collect();

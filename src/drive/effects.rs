@@ -88,7 +88,7 @@ fn read_gap_effects(t: &TomlTable<'_>, sprockets: &[String], effects: &mut Effec
 pub(super) fn parameters(t: &TomlTable<'_>, effect: &Effect, slides: bool) -> Vec<f64> {
     let value = |p: &Parameter| {
         let key = if slides { p.sliding_key } else { p.key };
-        match (p.is_integer(), p.default) {
+        match (p.is_integer(), p.default_for(key)) {
             (false, Some(default)) => t.number(key, p.unit, p.range()).unwrap_or(default * p.unit),
             (false, None) => t.required(key, p.unit, p.range()),
             (true, Some(default)) => t.integer(key, p.low as i64..=p.high as i64).map_or(default, |n| n as f64),

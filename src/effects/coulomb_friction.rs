@@ -5,6 +5,7 @@ use super::{BodyAt, Effect, HighestOrder, Kin, Kind, Look, On, Parameter, Part, 
 const STICK_SPEED: Parameter = Parameter::new("stick_speed_rad_s", 1.0, 1e-6, 1e4, Kind::Shape)
     .sliding("stick_speed_m_s")
     .default(0.1)
+    .default_of_slides(0.01)
     .starts(Scale::Speed, &[0.03, 0.3]);
 /// What a plunger does hardly depends on it, and its fit took most runs.
 const STICK_SPEED_ON_LINKS: Parameter = Parameter { kind: Kind::Tried, ..STICK_SPEED };

@@ -17,6 +17,7 @@ pub const ROW: Effect = Effect {
         Parameter::new("stick_speed_rad_s", 1.0, 1e-6, 1e4, Kind::Shape)
             .sliding("stick_speed_m_s")
             .default(0.1)
+            .default_of_slides(0.01)
             .starts(Scale::Speed, &[0.03, 0.3]),
     ],
     dissipative: true,

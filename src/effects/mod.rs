@@ -214,6 +214,8 @@ pub struct Parameter {
     pub off: f64,
     /// Value if the key is not given; None: the key is required.
     pub default: Option<f64>,
+    /// The same where the key is that of a sliding body, if it differs.
+    pub sliding_default: Option<f64>,
     pub scale: Scale,
     /// Starting values as multiples of the scale.
     pub starts: &'static [f64],
@@ -271,6 +273,7 @@ impl Parameter {
             high,
             off: 0.0,
             default: None,
+            sliding_default: None,
             scale: Scale::One,
             starts: &[1.0],
             kind,
@@ -293,6 +296,16 @@ impl Parameter {
     pub const fn default(mut self, value: f64) -> Parameter {
         self.default = Some(value);
         self
+    }
+
+    pub const fn default_of_slides(mut self, value: f64) -> Parameter {
+        self.sliding_default = Some(value);
+        self
+    }
+
+    /// Value if this key of it is not given; None: it is required.
+    pub fn default_for(&self, key: &str) -> Option<f64> {
+        self.sliding_default.filter(|_| key == self.sliding_key && key != self.key).or(self.default)
     }
 
     pub const fn lumped_only(mut self) -> Parameter {

@@ -1,13 +1,15 @@
-//! Friction that differs by direction: while a body moves, it is dry friction and a constant load together.
+//! Friction that differs by direction: while a body moves, it is dry friction and a constant load together, or an offset of the force that drives it.
 
 use super::report::NamedEffect;
-use crate::effects::{constant_torque, coulomb_friction};
+use crate::effects::{constant_torque, coulomb_friction, input_offset};
+use crate::machine::{InputKind, Machine};
 use serde::Serialize;
 
-/// Coulomb friction and a constant load on one body, read as friction that differs by direction: while the body moves, both are the same.
+/// Coulomb friction and a constant load on one body, or an offset of its input, read as friction that differs by direction: while the body moves, both
+/// are the same.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FrictionByDirection {
-    /// Paths of the friction and of the load.
+    /// Paths of the friction and of the load or offset.
     pub effects: [String; 2],
     /// Friction against a positive speed.
     pub forwards: f64,
@@ -18,16 +20,26 @@ pub struct FrictionByDirection {
 }
 
 /// Pairs of accepted effects that are friction by direction as well.
-pub(super) fn friction_by_direction(effects: &[NamedEffect]) -> Vec<FrictionByDirection> {
+pub(super) fn friction_by_direction(effects: &[NamedEffect], machine: &Machine) -> Vec<FrictionByDirection> {
     let place = |e: &NamedEffect| e.path.rsplit('.').next().map(str::to_string);
     let size = |e: &NamedEffect, key: &str| {
         let own = e.parameters.iter().find(|p| p.path.ends_with(key) && p.record.is_none());
         own.map(|p| p.value)
     };
+    let input_of = |e: &NamedEffect| {
+        let name = place(e)?;
+        machine.inputs.iter().find(|i| i.path.rsplit('.').next() == Some(name.as_str()))
+    };
+    // What an offset of an input drives its body with.
+    let driven = |e: &NamedEffect| match input_of(e)?.kind {
+        InputKind::Force(gain) => Some(machine.values.get(gain)? * size(e, "offset")?),
+        InputKind::Speed | InputKind::Angle | InputKind::Acceleration => None,
+    };
     let of = |(friction, load): (&NamedEffect, &NamedEffect)| {
         let (key, unit) =
-            [("torque_nm", "N m"), ("force_n", "N")].into_iter().find(|(key, _)| size(load, key).is_some())?;
-        let (friction_size, load_size) = (size(friction, key)?, size(load, key)?);
+            [("torque_nm", "N m"), ("force_n", "N")].into_iter().find(|(key, _)| size(friction, key).is_some())?;
+        let friction_size = size(friction, key)?;
+        let load_size = if load.name == input_offset::ROW.name { -driven(load)? } else { size(load, key)? };
         // A load beyond the friction drives the body.
         (load_size.abs() < friction_size).then(|| FrictionByDirection {
             effects: [friction.path.clone(), load.path.clone()],
@@ -37,8 +49,13 @@ pub(super) fn friction_by_direction(effects: &[NamedEffect]) -> Vec<FrictionByDi
         })
     };
     let named = |name: &'static str| effects.iter().filter(move |e| e.name == name);
-    let pairs = named(coulomb_friction::ROW.name).flat_map(|f| named(constant_torque::ROW.name).map(move |l| (f, l)));
-    pairs.filter(|(f, l)| place(f) == place(l)).filter_map(of).collect()
+    let loads = || named(constant_torque::ROW.name).chain(named(input_offset::ROW.name));
+    let body_of = |e: &NamedEffect| match e.name == input_offset::ROW.name {
+        true => input_of(e).map(|i| machine.bodies[i.body].name.clone()),
+        false => place(e),
+    };
+    let pairs = named(coulomb_friction::ROW.name).flat_map(|f| loads().map(move |l| (f, l)));
+    pairs.filter(|(f, l)| place(f) == body_of(l)).filter_map(of).collect()
 }
 
 #[cfg(test)]
@@ -80,14 +97,20 @@ mod tests {
     #[test]
     fn friction_and_a_smaller_load_on_one_body_are_friction_by_direction() {
         let friction = effect_of("coulomb_friction", "disc", "torque_nm", 1.0);
+        let text = "fidelity = \"lumped\"\n[rotors.disc]\ninertia_kg_m2 = 1\n[inputs.torque.drive]\nbody = \"disc\"\ngain_nm_per_unit = 2\n[sensors.tachometer.disc]\n";
+        let machine = Machine::parse("disc.toml", text, &[]).unwrap_or_else(|e| panic!("{e}"));
+        let by_direction = |effects: &[NamedEffect]| friction_by_direction(effects, &machine);
         let load = |body: &str, value: f64| effect_of("constant_torque", body, "torque_nm", value);
-        let found = friction_by_direction(&[load("disc", 0.25), friction.clone()]);
+        let found = by_direction(&[load("disc", 0.25), friction.clone()]);
         assert_eq!(found.len(), 1);
         assert_eq!((found[0].forwards, found[0].backwards, found[0].unit.as_str()), (1.25, 0.75, "N m"));
         assert_eq!(found[0].effects, ["effects.coulomb_friction.disc", "effects.constant_torque.disc"]);
-        assert!(friction_by_direction(&[load("disc", 1.5), friction.clone()]).is_empty(), "it drives the disc");
-        assert!(friction_by_direction(&[load("motor", 0.25), friction]).is_empty(), "on another body");
+        assert!(by_direction(&[load("disc", 1.5), friction.clone()]).is_empty(), "it drives the disc");
+        assert!(by_direction(&[load("motor", 0.25), friction]).is_empty(), "on another body");
+        let offset = effect_of("input_offset", "drive", "offset", 0.1);
+        let found = by_direction(&[offset, effect_of("coulomb_friction", "disc", "torque_nm", 1.0)]);
+        assert_eq!((found[0].forwards, found[0].backwards), (0.8, 1.2), "0.2 N m drive the disc forwards");
         let slide = ["coulomb_friction", "constant_torque"].map(|name| effect_of(name, "carriage", "force_n", 3.0));
-        assert!(friction_by_direction(&slide[..1]).is_empty());
+        assert!(by_direction(&slide[..1]).is_empty());
     }
 }

@@ -4,9 +4,9 @@
 //! those of their neighbours in the order of the records, so that a trend is tested on records that had no part in it. A number whose
 //! values have no order can only be told by what the fit gains.
 
-use super::fit::{FitOptions, fit};
+use super::fit::{Fit, FitOptions, fit};
 use super::model::{FittedModel, standard_error};
-use super::problem::{Global, Problem};
+use super::problem::{Global, Point, Problem};
 use super::search::Context;
 use super::stats;
 use crate::effects::{Kind, parameter_at};
@@ -92,6 +92,8 @@ const LEAST_SHARE: f64 = 0.5;
 /// The held-out error must fall to this at most.
 const MOST_HELD_OUT: f64 = 0.95;
 const ITERATIONS: usize = 20;
+/// Factor by which friction of a second start is sharper at rest.
+const SHARPER: f64 = 30.0;
 
 /// Numbers of the final model that differ from record to record, the one that explains most first; then those of other sets of effects
 /// that held-out records confirm: a set whose size differs from record to record is refused as it stands. Empty where what is left is noise.
@@ -218,7 +220,7 @@ fn with_a_value_for_each<'a>(model: &FittedModel<'a>, global: usize, records: &[
     let own = |r: &usize| Global { record: Some(*r), prior: None, ..number.clone() };
     problem.globals.splice(global..=global, records.iter().map(own));
     point.globals.splice(global..=global, records.iter().map(|_| x));
-    let found = fit(&problem, &point, FitOptions { iterations: ITERATIONS, threads: model.threads });
+    let found = fit_from_sharper_friction_too(&problem, &point, model.threads);
     let values: Vec<f64> = found.point.globals[global..global + records.len()].to_vec();
     for r in 0..problem.data.records.len() {
         if !records.contains(&r) {
@@ -261,6 +263,26 @@ fn with_a_value_for_each<'a>(model: &FittedModel<'a>, global: usize, records: &[
     let beside = model.effects.iter().map(super::candidates::Hypothesis::identity).collect();
     let number = VaryingNumber { path, beside, course, values, fitted_ratio, held_out_ratio };
     Some(DriftingNumber { number, model: other, left })
+}
+
+/// The better of two fits: one starts as it is told to, the other with friction that is sharper at rest. One size for all records makes friction soft,
+/// where sizes differ.
+fn fit_from_sharper_friction_too(problem: &Problem, start: &Point, threads: usize) -> Fit {
+    let options = FitOptions { iterations: ITERATIONS, threads };
+    let found = fit(problem, start, options);
+    let mut sharper = found.point.clone();
+    for (global, x) in problem.globals.iter().zip(&mut sharper.globals) {
+        let key = problem.machine.slots[global.slot].path.rsplit('.').next().unwrap_or_default();
+        if key.starts_with("stick_speed") {
+            let (low, high) = global.law.bounds();
+            *x = global.law.scaled(global.law.value(*x) / SHARPER).clamp(low, high);
+        }
+    }
+    if sharper == found.point {
+        return found;
+    }
+    let other = fit(problem, &sharper, options);
+    if other.cost < found.cost { other } else { found }
 }
 
 /// Whether every inner record is followed better with a value between those of its neighbours than with one value for all, where no record is held

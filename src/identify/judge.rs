@@ -151,7 +151,15 @@ pub fn effective(channels: &[Vec<Vec<f64>>]) -> Vec<f64> {
 /// Twice the negative log-likelihood of all channels, each with its own variance, for the given effective number of
 /// samples.
 pub fn deviance(channels: &[Vec<Vec<f64>>], effective: &[f64]) -> f64 {
-    channels.iter().zip(effective).map(|(parts, n)| 2.0 * n * libm::log(stats::rms(parts).max(1e-300))).sum()
+    deviance_above(channels, effective, |_| 0.0)
+}
+
+/// The same, where errors below `least` of a channel count as much as that: they are those of the integration, and tell nothing.
+pub fn deviance_above(channels: &[Vec<Vec<f64>>], effective: &[f64], least: impl Fn(usize) -> f64) -> f64 {
+    let of = |(c, (parts, n)): (usize, (&Vec<Vec<f64>>, &f64))| {
+        2.0 * n * libm::log(stats::rms(parts).max(least(c)).max(1e-300))
+    };
+    channels.iter().zip(effective).enumerate().map(of).sum()
 }
 
 /// Residuals of fitted and held-out data.

@@ -116,7 +116,8 @@ fn contradiction(pairs: &[[f64; 2]]) -> Option<String> {
     } else if moves && !(1.0 / CONTRADICTS..=CONTRADICTS).contains(&times) {
         Some(format!("is {times:.3} times the other"))
     } else if (means[1] - times.min(CONTRADICTS).max(1.0 / CONTRADICTS) * means[0]).abs() > MEAN_DIFFERS * signal {
-        Some(format!("has a mean of {:.4} where the other has {:.4}", means[1], means[0]))
+        let percent = 100.0 * (means[1] - means[0]).abs() / signal;
+        Some(format!("has a mean that differs by {percent:.0} % of the signal"))
     } else {
         None
     }

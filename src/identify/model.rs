@@ -312,7 +312,7 @@ pub(super) fn completed<'a>(
 
 /// Score of a model: deviance on the fitted data plus a penalty for each parameter. Smaller is better.
 pub fn score(model: &FittedModel, effective: &[f64]) -> f64 {
-    score_of(&model.fit_residuals, (model.problem.data, &model.effects), effective)
+    score_of(&model.fit_residuals, (&model.problem, &model.effects), effective)
 }
 
 /// Score that a model may still come to, where its fit was given up; the same as its score elsewhere.
@@ -322,9 +322,17 @@ pub(super) fn promised_score(model: &FittedModel, effective: &[f64]) -> f64 {
 }
 
 /// Score of what a set of effects leaves of the fitted data.
-pub(super) fn score_of(left: &[Vec<Vec<f64>>], (data, effects): (&Data, &[Hypothesis]), effective: &[f64]) -> f64 {
+pub(super) fn score_of(
+    left: &[Vec<Vec<f64>>],
+    (problem, effects): (&Problem, &[Hypothesis]),
+    effective: &[f64],
+) -> f64 {
     let n: f64 = effective.iter().sum();
-    judge::deviance(left, effective) + freedom(data, effects) as f64 * libm::log(n.max(2.0))
+    // Of records without noise, the error of the integration is left, which no effect explains.
+    let is_told = problem.machine.effort().noise_alone_is_left;
+    let least = |c: usize| if is_told { NOTHING_LEFT * problem.data.channels[c].noise } else { 0.0 };
+    let misfit = judge::deviance_above(left, effective, least);
+    misfit + freedom(problem.data, effects) as f64 * libm::log(n.max(2.0))
 }
 
 /// The model with one more hypothesis, fitted.

@@ -56,7 +56,7 @@ impl<'a> Runner<'a> {
     }
 
     fn score(&self, left: &Left, effective: &[f64]) -> f64 {
-        score_of(left, (self.problem.data, &self.effects), effective)
+        score_of(left, (&self.problem, &self.effects), effective)
     }
 
     /// Whether its form lies inside the records where it stands: no other one keeps its place.

@@ -563,7 +563,7 @@ pub fn report(measurement: &Measurement, data: &Data, found: &AcceptedResult) ->
         correlations: correlations(best),
         error_budget: budget(found),
         transfer: transfer(found, data),
-        by_direction: friction_by_direction(&effects),
+        by_direction: friction_by_direction(&effects, machine),
         effects,
         candidates: found.trials.clone(),
         left_out: found.reasons.clone(),

@@ -279,7 +279,7 @@ fn read_effects(root: &TomlTable<'_>, m: &mut Machine) {
 /// Reads an effect's parameters and adds it to the machine.
 fn place(m: &mut Machine, t: &TomlTable<'_>, effect: &'static Effect, target: Target) {
     let keys = m.keys(effect, target);
-    let slots = keys.iter().map(|(key, p)| slot(m, t, key, p.unit, (p.low, p.high), p.default)).collect();
+    let slots = keys.iter().map(|(key, p)| slot(m, t, key, p.unit, (p.low, p.high), p.default_for(key))).collect();
     m.attach_effect(effect, t.path().to_string(), target, slots);
 }
 
