@@ -631,7 +631,8 @@ fn every_bundled_drive_is_debugged() {
         assert!(out.status.success(), "{name}: {}", stderr(&out));
         let same = pitchline(&["diff", zoomed, zoomed]);
         assert!(same.status.success() && stdout(&same).contains("equal, to the bit"), "{name}: {}", stdout(&same));
-        let stops = pitchline(&["run", name, "--duration", "1ms", "--no-output", "--break", "time > 0.05 ms", "--json"]);
+        let stops =
+            pitchline(&["run", name, "--duration", "1ms", "--no-output", "--break", "time > 0.05 ms", "--json"]);
         assert!(stops.status.success(), "{name}: {}", stderr(&stops));
         let at_s = json(&stops)["simulated_s"].as_f64().expect("a number");
         assert!((5e-5..7e-5).contains(&at_s), "{name}: stopped at {at_s} s");
@@ -656,7 +657,8 @@ fn every_bundled_drive_names_its_source() {
 fn orders_of_former_versions_get_their_phases() {
     let folder = tempfile::tempdir().expect("a folder");
     let text = stdout(&pitchline(&["drives", "ford-v6"]));
-    let former: String = text.lines().filter(|l| !l.starts_with("phases_deg = [0, 0, 0]")).map(|l| format!("{l}\n")).collect();
+    let former: String =
+        text.lines().filter(|l| !l.starts_with("phases_deg = [0, 0, 0]")).map(|l| format!("{l}\n")).collect();
     assert_ne!(text, former);
     let path = folder.path().join("former.toml");
     std::fs::write(&path, &former).expect("written");

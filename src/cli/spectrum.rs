@@ -4,7 +4,8 @@ use super::sheet::{SheetArgs, bracketed, digits};
 use super::{Answer, Failure, Outcome, answer};
 use crate::analysis::audit::findings::difference;
 use crate::analysis::order_spectrum::{
-    AngleRecord, AngleSpectrum, LINE_PROMINENCE, SpectrumError, SpectrumPeak, read, spectrum, unresolved,
+    AngleRecord, AngleSpectrum, LINE_PROMINENCE, OscillationDifference, SpectrumError, SpectrumPeak, read, spectrum,
+    unresolved,
 };
 use crate::analysis::signal::Signal;
 use crate::recording::reader::{Reader, WHOLE};
@@ -199,6 +200,7 @@ fn text(
         ));
     }
     if let Some(theirs) = theirs {
+        lines.extend(oscillation(own, theirs, &signal.unit));
         let found = differing(own, theirs, highest);
         lines.push(if found.is_empty() {
             "no order differs from the other recording".into()
@@ -220,6 +222,29 @@ fn text(
         lines.push(format!("too short for `{name}`: it takes {:.1} ms", needed_s * 1e3));
     }
     lines.join("\n") + "\n" + &args.sheet.drawn()
+}
+
+/// How the oscillations of both recordings differ, in words: as a whole, and in the frequency of the largest line.
+fn oscillation(own: &SpectrumSheet, theirs: &SpectrumSheet, unit: &str) -> Vec<String> {
+    let mut lines = Vec::new();
+    if let Some(d) = OscillationDifference::between(&own.record, &theirs.record) {
+        lines.push(format!(
+            "over {:.3} turns that both have: {} {unit} rms about the mean, in the other recording {} {unit}; the difference is {:.1} % of the other's",
+            d.turns,
+            digits(d.rms),
+            digits(d.rms_other),
+            100.0 * d.rms_of_difference_share
+        ));
+    }
+    if let (Some(here), Some(there)) = (own.spectrum.peaks.first(), theirs.spectrum.peaks.first()) {
+        lines.push(format!(
+            "the largest line lies at {:.2} Hz, in the other recording at {:.2} Hz: {:+.2} %",
+            here.frequency_hz,
+            there.frequency_hz,
+            100.0 * (here.frequency_hz / there.frequency_hz - 1.0)
+        ));
+    }
+    lines
 }
 
 fn csv(own: &SpectrumSheet, theirs: Option<&SpectrumSheet>, highest: f64) -> String {
@@ -270,6 +295,7 @@ fn json(
         "highest_order": highest,
         "peaks": peaks.collect::<Vec<_>>(),
         "differing": differing,
+        "oscillation": theirs.and_then(|theirs| OscillationDifference::between(&own.record, &theirs.record)),
         "too_short_for": unresolved(&own.record, s)
             .into_iter()
             .map(|(name, needed_s)| serde_json::json!({ "name": name, "needed_s": needed_s }))

@@ -4,6 +4,7 @@
 //! those of their neighbours in the order of the records, so that a trend is tested on records that had no part in it. A number whose
 //! values have no order can only be told by what the fit gains.
 
+use super::candidates::law_of_shape;
 use super::fit::{Fit, FitOptions, fit};
 use super::model::{FittedModel, standard_error};
 use super::problem::{Global, Point, Problem};
@@ -220,7 +221,7 @@ fn with_a_value_for_each<'a>(model: &FittedModel<'a>, global: usize, records: &[
     let own = |r: &usize| Global { record: Some(*r), prior: None, ..number.clone() };
     problem.globals.splice(global..=global, records.iter().map(own));
     point.globals.splice(global..=global, records.iter().map(|_| x));
-    let found = fit_from_sharper_friction_too(&problem, &point, model.threads);
+    let (mut problem, found) = fit_from_sharper_friction_too(problem, &point, model.threads);
     let values: Vec<f64> = found.point.globals[global..global + records.len()].to_vec();
     for r in 0..problem.data.records.len() {
         if !records.contains(&r) {
@@ -265,24 +266,28 @@ fn with_a_value_for_each<'a>(model: &FittedModel<'a>, global: usize, records: &[
     Some(DriftingNumber { number, model: other, left })
 }
 
-/// The better of two fits: one starts as it is told to, the other with friction that is sharper at rest. One size for all records makes friction soft,
-/// where sizes differ.
-fn fit_from_sharper_friction_too(problem: &Problem, start: &Point, threads: usize) -> Fit {
+/// The better of two fits: one starts as it is told to, the other with friction that is sharper at rest, in a range about that. One size for all
+/// records makes friction soft, where sizes differ.
+fn fit_from_sharper_friction_too<'a>(problem: Problem<'a>, start: &Point, threads: usize) -> (Problem<'a>, Fit) {
     let options = FitOptions { iterations: ITERATIONS, threads };
-    let found = fit(problem, start, options);
-    let mut sharper = found.point.clone();
-    for (global, x) in problem.globals.iter().zip(&mut sharper.globals) {
-        let key = problem.machine.slots[global.slot].path.rsplit('.').next().unwrap_or_default();
-        if key.starts_with("stick_speed") {
-            let (low, high) = global.law.bounds();
-            *x = global.law.scaled(global.law.value(*x) / SHARPER).clamp(low, high);
+    let found = fit(&problem, start, options);
+    let (mut sharper, mut begin) = (problem.clone(), found.point.clone());
+    let mut is_sharper = false;
+    for (g, x) in begin.globals.iter_mut().enumerate() {
+        let Global { slot, law, .. } = &problem.globals[g];
+        let slot = &problem.machine.slots[*slot];
+        if law.logarithm && slot.path.rsplit('.').next().is_some_and(|key| key.starts_with("stick_speed")) {
+            let value = law.value(*x) / SHARPER;
+            sharper.globals[g].law = law_of_shape(value, (slot.low * slot.unit, slot.high * slot.unit));
+            *x = sharper.globals[g].law.scaled(value);
+            is_sharper = true;
         }
     }
-    if sharper == found.point {
-        return found;
+    if !is_sharper {
+        return (problem, found);
     }
-    let other = fit(problem, &sharper, options);
-    if other.cost < found.cost { other } else { found }
+    let other = fit(&sharper, &begin, options);
+    if other.cost < found.cost { (sharper, other) } else { (problem, found) }
 }
 
 /// Whether every inner record is followed better with a value between those of its neighbours than with one value for all, where no record is held

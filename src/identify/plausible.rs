@@ -10,8 +10,8 @@ use crate::machine::{Input, InputKind, Target};
 
 /// A law of the speed must bend below so many root mean squares of the body's speed. A sine reaches 1.4 of them, a run-up from rest 1.7.
 const REACHED: f64 = 3.0;
-/// Periods of a resonance in the longest record, at least.
-const PERIODS: f64 = 1.0;
+/// Periods of a resonance in the longest record, at least: with fewer, a drift has the same form.
+const PERIODS: f64 = 2.0;
 
 /// What speaks against the form of an effect, in words.
 pub fn outside_the_records(model: &FittedModel, which: usize) -> Option<String> {
@@ -40,7 +40,7 @@ pub fn outside_the_records(model: &FittedModel, which: usize) -> Option<String> 
         };
         if frequency_hz * longest_s < PERIODS {
             return Some(format!(
-                "`{key}` = {shown:.4}: the longest record, of {longest_s:.3} s, holds no period of it"
+                "`{key}` = {shown:.4}: the longest record, of {longest_s:.3} s, holds less than two periods of it"
             ));
         }
     }

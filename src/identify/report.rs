@@ -678,7 +678,7 @@ fn budget(found: &AcceptedResult) -> Vec<Share> {
 }
 
 /// Maximum number of segments that are plotted.
-const MAX_CURVES: usize = 12;
+const MAX_CURVES: usize = 40;
 
 /// Measured curve, and model before and after, held-out segments first.
 fn curves(found: &AcceptedResult, data: &Data) -> Vec<Curve> {

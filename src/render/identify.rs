@@ -1,6 +1,6 @@
-//! The report of an identification: one self-contained HTML file. Measurement and model before and after; the
-//! residual's spectrum before and after, by frequency and by order; its whiteness; the states that it follows; the
-//! error budget.
+//! The report of an identification: one self-contained HTML file. Whether to believe it, in words; measurement and model before and
+//! after, with the residual below; the residual's spectrum before and after, by frequency and by order; its whiteness; the states that it
+//! follows; the error budget; all of it in words.
 
 use super::escape;
 use crate::identify::diagnosis::{ChannelResiduals, OrderSpectrum};
@@ -11,6 +11,8 @@ use std::fmt::Write;
 
 const WIDTH: f64 = 860.0;
 const HEIGHT: f64 = 230.0;
+/// Height of a strip of residuals.
+const STRIP: f64 = 120.0;
 const LEFT: f64 = 64.0;
 const BOTTOM: f64 = 34.0;
 /// Maximum number of points of a line.
@@ -29,9 +31,16 @@ pub fn html(report: &IdentificationReport) -> String {
         COLOURS[1],
         COLOURS[2]
     );
+    let words = text::text(report);
+    // The first paragraph behind the title: the verdict, and what speaks against it.
+    let (verdict, rest) = words.split_once("\n\n").map_or((words.as_str(), ""), |(_, more)| {
+        let end = more.find("\n\n").unwrap_or(more.len());
+        (&more[..end], more[end..].trim_start())
+    });
+    let _infallible = writeln!(page, "<pre style=\"white-space:pre-wrap;font-size:14px\">{}</pre>", escape(verdict));
     page += "<h2>Error budget</h2>\n";
     page += &budget(report);
-    page += "<h2>Measured, <span class=\"b\">before</span>, <span class=\"a\">after</span></h2>\n";
+    page += "<h2>Measured, <span class=\"b\">before</span>, <span class=\"a\">after</span>; below, what is left, with twice the noise floor</h2>\n";
     for c in &report.curves {
         let judged = if c.judge_from == 0 {
             "held out"
@@ -42,6 +51,12 @@ pub fn html(report: &IdentificationReport) -> String {
         };
         let _infallible = writeln!(page, "<h3>{}, {} ({judged})</h3>", escape(&c.record), escape(&c.channel));
         page += &series(c);
+        let floor = report
+            .noise_floor
+            .iter()
+            .find(|f| f.channel == c.channel && f.unit == c.unit)
+            .map_or(0.0, |f| f.noise_floor);
+        page += &residual(c, floor);
     }
     page += "<h2>Spectrum of the residual, <span class=\"b\">before</span> and <span class=\"a\">after</span></h2>\n";
     let mut drawn: Vec<&str> = Vec::new();
@@ -53,7 +68,7 @@ pub fn html(report: &IdentificationReport) -> String {
     }
     page += "<h2>What is left, by itself</h2>\n";
     page += &residuals_section(report);
-    let _infallible = writeln!(page, "<h2>In words</h2><pre>{}</pre></html>", escape(&text::text(report)));
+    let _infallible = writeln!(page, "<h2>In words</h2><pre>{}</pre></html>", escape(rest));
     page
 }
 
@@ -90,11 +105,15 @@ fn budget(report: &IdentificationReport) -> String {
 
 /// Frame of a diagram, labelled with the ends of both axes.
 fn frame(x: (f64, f64, &str), y: (f64, f64, &str)) -> String {
-    let (w, h) = (WIDTH - LEFT - 8.0, HEIGHT - BOTTOM - 8.0);
+    frame_of(HEIGHT, x, y)
+}
+
+fn frame_of(height: f64, x: (f64, f64, &str), y: (f64, f64, &str)) -> String {
+    let (w, h) = (WIDTH - LEFT - 8.0, height - BOTTOM - 8.0);
     let number =
         |v: f64| if v != 0.0 && !(1e-2..1e5).contains(&v.abs()) { format!("{v:.1e}") } else { format!("{v:.3}") };
     format!(
-        "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" width=\"{WIDTH}\" height=\"{HEIGHT}\" font-size=\"12\">\
+        "<svg viewBox=\"0 0 {WIDTH} {height}\" width=\"{WIDTH}\" height=\"{height}\" font-size=\"12\">\
          <rect x=\"{LEFT}\" y=\"8\" width=\"{w}\" height=\"{h}\" fill=\"none\" stroke=\"#ccc\"/>\
          <text x=\"{LEFT}\" y=\"{b}\">{}</text><text x=\"{r}\" y=\"{b}\" text-anchor=\"end\">{} {}</text>\
          <text x=\"4\" y=\"20\">{}</text><text x=\"4\" y=\"{base}\">{}</text><text x=\"4\" y=\"38\">{}</text>",
@@ -104,15 +123,25 @@ fn frame(x: (f64, f64, &str), y: (f64, f64, &str)) -> String {
         number(y.1),
         number(y.0),
         escape(y.2),
-        b = HEIGHT - 12.0,
+        b = height - 12.0,
         r = WIDTH - 8.0,
-        base = HEIGHT - BOTTOM,
+        base = height - BOTTOM,
     )
 }
 
 /// A line through points, thinned so that peaks remain: minimum and maximum of every bundle.
 fn line(xs: &[f64], ys: &[f64], x: (f64, f64), y: (f64, f64), colour: &str, width: f64) -> String {
-    let (w, h) = (WIDTH - LEFT - 8.0, HEIGHT - BOTTOM - 8.0);
+    line_of(HEIGHT, (xs, ys), x, y, (colour, width))
+}
+
+fn line_of(
+    height: f64,
+    (xs, ys): (&[f64], &[f64]),
+    x: (f64, f64),
+    y: (f64, f64),
+    (colour, width): (&str, f64),
+) -> String {
+    let (w, h) = (WIDTH - LEFT - 8.0, height - BOTTOM - 8.0);
     let place = |i: usize| {
         let px = LEFT + w * (xs[i] - x.0) / (x.1 - x.0).max(1e-300);
         let py = 8.0 + h * (1.0 - ((ys[i] - y.0) / (y.1 - y.0).max(1e-300)).clamp(-0.02, 1.02));
@@ -157,6 +186,28 @@ fn series(c: &Curve) -> String {
             HEIGHT - BOTTOM
         );
     }
+    svg + "</svg>\n"
+}
+
+/// What is left of a channel before and after, with twice the noise floor. What is left after sets the scale; what was left before leaves the strip.
+fn residual(c: &Curve, floor: f64) -> String {
+    let left = |of: &[f64]| -> Vec<f64> { of.iter().zip(&c.measured).map(|(m, y)| y - m).collect() };
+    let (before, after) = (left(&c.before), left(&c.after));
+    let (low, high) = range(&[&after]);
+    let most = 1.1 * low.abs().max(high.abs()).max(2.5 * floor);
+    let (x, y) = (range(&[&c.t_s]), (-most, most));
+    let mut svg = frame_of(STRIP, (x.0, x.1, "s"), (y.0, y.1, &c.unit));
+    let (top, bottom) = (8.0, STRIP - BOTTOM);
+    let at = |v: f64| top + (bottom - top) * (1.0 - (v - y.0) / (y.1 - y.0));
+    let _infallible = write!(
+        svg,
+        "<rect x=\"{LEFT}\" y=\"{:.1}\" width=\"{}\" height=\"{:.1}\" fill=\"#e9ecef\"/>",
+        at(2.0 * floor),
+        WIDTH - LEFT - 8.0,
+        at(-2.0 * floor) - at(2.0 * floor)
+    );
+    svg += &line_of(STRIP, (&c.t_s, &before), x, y, (COLOURS[1], 0.7));
+    svg += &line_of(STRIP, (&c.t_s, &after), x, y, (COLOURS[2], 0.9));
     svg + "</svg>\n"
 }
 
