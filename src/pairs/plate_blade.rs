@@ -161,9 +161,8 @@ impl Blade {
         zero(&mut out.value);
         zero(&mut out.slope);
         for (mode, q) in self.modes.iter().zip(q) {
-            for k in 0..self.nodes.len() {
-                out.value[k] += mode.value[k] * q;
-                out.slope[k] += mode.slope[k] * q;
+            for (sum, of_mode) in [(&mut out.value, &mode.value), (&mut out.slope, &mode.slope)] {
+                sum.iter_mut().zip(of_mode).for_each(|(sum, w)| *sum += w * q);
             }
         }
     }
