@@ -195,6 +195,33 @@ fn friction_that_falls_from_record_to_record_is_told() {
     assert!((again.values[slot] / 0.35 - 1.0).abs() < 0.03, "{updated}");
 }
 
+/// The reported set is fitted from other starts too; with good records all end at the same numbers.
+#[test]
+fn fits_from_other_starts_end_in_one_basin() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = rotor_with_friction(folder.path(), 0.4, 0.15);
+    let r = identified(&path, 2, ALL).expect("identified");
+    let [basin] = r.basins.as_slice() else { panic!("{:?}", r.basins) };
+    assert_eq!(basin.starts, ["the search", "the file's numbers", "numbers twice as large", "numbers half as large"]);
+    assert!(basin.above == 0.0 && basin.numbers.is_empty() && basin.doubt().is_none());
+    let text = pitchline::identify::text::text(&r);
+    assert!(text.contains("fits from the search, the file's numbers, numbers twice as large"), "{text}");
+}
+
+/// What another basin makes of a name: nothing where it fits worse, or where no number differs.
+#[test]
+fn another_basin_is_a_doubt_where_it_fits_as_well() {
+    let basin = |above: f64, numbers: &[(&str, f64, f64)]| pitchline::identify::basins::Basin {
+        starts: vec!["the file's numbers".into()],
+        above,
+        numbers: numbers.iter().map(|(path, there, reported)| ((*path).to_string(), *there, *reported)).collect(),
+    };
+    let inertia = [("rotors.disc.inertia_kg_m2", 0.1, 0.05)];
+    assert!(basin(3.0, &inertia).doubt().is_some_and(|d| d.contains("fits as well") && d.contains("inertia")));
+    assert!(basin(-20.0, &inertia).doubt().is_some_and(|d| d.contains("better basin")));
+    assert!(basin(100.0, &inertia).doubt().is_none() && basin(0.2, &[]).doubt().is_none());
+}
+
 /// Three records are enough for a course where the one in the middle is held out.
 #[test]
 fn friction_that_falls_over_three_records_is_named() {

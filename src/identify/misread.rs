@@ -183,22 +183,21 @@ fn swapped_records(problem: &Problem, start: &Point) -> Vec<String> {
     let set_of = |k: usize| data.set.get(data.segments[k].record);
     let sets_differ = (1..n).any(|k| set_of(k) != set_of(0));
     // The error of a segment over its signal, with what another segment has.
-    let error = |own: usize, other: usize| -> f64 {
-        let mut changed = data.clone();
+    let mut changed = data.clone();
+    let mut error = |own: usize, other: usize| -> f64 {
+        let (inputs, theirs) = (&data.segments[own].task.inputs, &data.segments[other].task.inputs);
         if sets_differ {
             changed.set[data.segments[own].record].clone_from(&data.set[data.segments[other].record]);
-        } else if data.segments[own].task.inputs.iter().map(Vec::len).eq(data.segments[other]
-            .task
-            .inputs
-            .iter()
-            .map(Vec::len))
-        {
-            changed.segments[own].task.inputs.clone_from(&data.segments[other].task.inputs);
+        } else if inputs.iter().map(Vec::len).eq(theirs.iter().map(Vec::len)) {
+            changed.segments[own].task.inputs.clone_from(theirs);
         } else {
             return f64::NAN;
         }
-        let problem = Problem { data: &changed, ..problem.clone() };
-        let Ok(model) = problem.model(own, &start.globals, &start.locals[own], false) else { return f64::NAN };
+        let with = Problem { data: &changed, ..problem.clone() };
+        let model = with.model(own, &start.globals, &start.locals[own], false);
+        changed.set[data.segments[own].record].clone_from(&data.set[data.segments[own].record]);
+        changed.segments[own].task.inputs.clone_from(inputs);
+        let Ok(model) = model else { return f64::NAN };
         let of = |(measured, model): (&Vec<f64>, &Vec<f64>)| {
             let known = || measured.iter().zip(model).filter(|(y, _)| y.is_finite());
             let count = known().count().max(1) as f64;
@@ -210,17 +209,17 @@ fn swapped_records(problem: &Problem, start: &Point) -> Vec<String> {
         let channels = model.len().max(1) as f64;
         libm::sqrt(data.segments[own].measured.iter().zip(&model).map(of).sum::<f64>() / channels)
     };
+    let own: Vec<f64> = (0..n).map(|k| error(k, k)).collect();
     let mut all = Vec::new();
-    for i in 0..n {
-        for j in i + 1..n {
-            let (own, crossed) = ([error(i, i), error(j, j)], [error(i, j), error(j, i)]);
-            let is_better = |k: usize| own[k] > LEAST_ERROR && crossed[k] < SWAPPED * own[k];
-            if is_better(0) && is_better(1) {
+    for i in (0..n).filter(|k| own[*k] > LEAST_ERROR) {
+        for j in (i + 1..n).filter(|k| own[*k] > LEAST_ERROR) {
+            let crossed = [error(i, j), error(j, i)];
+            if crossed[0] < SWAPPED * own[i] && crossed[1] < SWAPPED * own[j] {
                 let name = |k: usize| &data.records[data.segments[k].record];
                 let what = if sets_differ { "what the other one sets" } else { "the inputs of the other one" };
                 all.push(format!(
                     "the labels of records `{}` and `{}` may be swapped: with {what}, the errors of the declared drive fall from {:.0} and {:.0} to {:.0} and {:.0} % of the signal",
-                    name(i), name(j), 100.0 * own[0], 100.0 * own[1], 100.0 * crossed[0], 100.0 * crossed[1]
+                    name(i), name(j), 100.0 * own[i], 100.0 * own[j], 100.0 * crossed[0], 100.0 * crossed[1]
                 ));
             }
         }

@@ -7,6 +7,7 @@
 #[doc(hidden)]
 pub mod accept;
 mod accept_drifting;
+pub mod basins;
 pub mod by_direction;
 #[doc(hidden)]
 pub mod candidates;
@@ -172,6 +173,11 @@ pub fn identify(
     }
     // What comes after this changes no name for want of time.
     let cut_short = found.cut_short || context.must_end();
+    if !context.must_end() {
+        context.report("looking for other basins");
+        report.basins = basins::basins(&found.best, context);
+        report.doubts.extend(report.basins.iter().filter_map(basins::Basin::doubt));
+    }
     if !context.must_end() {
         context.report("inverse dynamics: the same numbers by another way");
         report.set_inverse_dynamics(inverse::second_voice(&found.best, context));

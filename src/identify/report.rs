@@ -2,6 +2,7 @@
 //! after.
 
 use super::accept::AcceptedResult;
+use super::basins::Basin;
 use super::by_direction::{FrictionByDirection, friction_by_direction};
 use super::declared::DEFAULT_SPREAD;
 use super::diagnosis::Diagnosis;
@@ -247,6 +248,8 @@ pub struct IdentificationReport {
     pub look_first: Vec<String>,
     /// What speaks against the accepted effects; each makes a LEAD of what would be NAMED.
     pub doubts: Vec<String>,
+    /// Where fits of the reported set end that start elsewhere, the reported basin first; empty where none was fitted.
+    pub basins: Vec<Basin>,
     /// Numbers, of the drive and of effects, that the records hardly tell apart.
     pub correlations: Vec<Correlation>,
     /// Shares of the declared model's squared error: effects, noise floor, rest.
@@ -583,6 +586,7 @@ pub fn report(measurement: &Measurement, data: &Data, found: &AcceptedResult) ->
         prediction: None,
         varying: Vec::new(),
         look_first: Vec::new(),
+        basins: Vec::new(),
         doubts: Vec::new(),
         warnings: data.warnings.clone(),
         converged: found.declared.fit.converged && best.fit.converged,

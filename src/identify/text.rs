@@ -108,6 +108,7 @@ fn write_all(t: &mut String, r: &IdentificationReport) {
         prediction(t, r)?;
         effects(t, r)?;
         declared_numbers(t, r)?;
+        basins(t, r)?;
         varying(t, r)?;
         inverse_dynamics(t, r)?;
         for w in &r.warnings {
@@ -161,6 +162,25 @@ fn records(t: &mut String, r: &IdentificationReport) -> std::fmt::Result {
         writeln!(t, "  {}", w.to_string().replace('\n', "\n  "))?;
     }
     writeln!(t, "  held-out samples {}, drive {}", r.held_out_hash, r.drive_hash)
+}
+
+/// Starts of the reported set, and where they ended.
+fn basins(t: &mut String, r: &IdentificationReport) -> std::fmt::Result {
+    let Some((own, others)) = r.basins.split_first() else { return Ok(()) };
+    writeln!(t, "\nfits from {} end at these numbers", own.starts.join(", "))?;
+    for basin in others {
+        let numbers = basin.numbers.iter().map(|(path, value, _)| format!("{path} = {}", four_digits(*value)));
+        let numbers: Vec<String> = numbers.collect();
+        let how = if basin.above < 0.0 { "less" } else { "more" };
+        writeln!(
+            t,
+            "    from {} in another basin, whose misfit is {:.1} {how}: {}",
+            basin.starts.join(", "),
+            basin.above.abs(),
+            numbers.join(", ")
+        )?;
+    }
+    Ok(())
 }
 
 /// Where prediction decided: what of the motion was corrected, the simulated errors, and what stands by one way alone.
