@@ -564,12 +564,16 @@ fn what_stands_in_the_way_of_the_loop_is_told_with_its_distance() {
     let arm = format!("{}{stops}", BUNDLED[3].1);
     let ford = include_str!("../assets/drives/ford-v6.toml");
     let v12 = include_str!("../assets/drives/v12-primary.toml");
+    // A rail across the tight one of the engine, on the same side of the chain.
+    let other = "[guides.rail.other]\nspan = [\"intake\", \"crank\"]\nside = \"outside\"\nstart_x_mm = -120\nstart_y_mm = 150\n\
+                 heading_deg = 10\nlengths_mm = [80]\nradii_mm = [0]\n\n[guides.rail.tight]";
+    let crossing = ford.replacen("[guides.rail.tight]", other, 1);
     for (text, set, says) in [
         (arm.as_str(), "arms.tensioner.high_deg=-5", "stands 6.5"),
         (arm.as_str(), "arms.tensioner.high_deg=0", "deg beyond this stop"),
-        (ford, "sliders.plunger.low_mm=1", "the loop closes where slider `plunger` stands 1.7"),
         (ford, "sliders.plunger.high_mm=-3", "the loop closes where slider `plunger` stands 2."),
         (v12, "guides.rail.tight.start_x_mm=-30", "guide `tight` runs through sprocket `idler`"),
+        (crossing.as_str(), "loads.constant.intake.torque_nm=0.9", "guides `other` and `tight` cross each other"),
         (ford, "chain.silent.links=80", "shorter than its path as drawn"),
     ] {
         let report = match Drive::parse("way.toml", text, &[set.to_string()]) {
@@ -579,10 +583,40 @@ fn what_stands_in_the_way_of_the_loop_is_told_with_its_distance() {
         println!("{set}\n{report}");
         assert!(report.contains(says) && report.contains("-->"), "{set}: {report}");
     }
-    // A slider that its stop holds by less than chains and stops give way says so.
-    let drive = drive(ford, &["sliders.plunger.low_mm=0"]);
+    // A slider that a stop bears says with what force, and how far it would go. The preload without the stop is 254 N.
+    let drive = drive(ford, &["sliders.plunger.low_mm=1"]);
     let assembly = pitchline::assemble::assemble(&drive).unwrap_or_else(|e| panic!("{e}"));
     let told = assembly.report.lines().join("\n");
     println!("{told}");
-    assert!(told.contains("it rests on its stop `low_mm` with"), "{told}");
+    assert!(told.contains("it rests on its stop `low_mm` with") && told.contains("would stand 1."), "{told}");
+    assert!(assembly.report.preload_n > 350.0);
+}
+
+/// Rails that lie end to end touch and do not cross: the slack rail in two, the second where the first ends.
+#[test]
+fn rails_may_lie_end_to_end() {
+    let text = BUNDLED[3].1;
+    let (head, tail) = text.split_once("[guides.rail.slack]").expect("the rail");
+    // The end of the rail's first stretch: an arc of 15 mm, convex towards the chain, which turns right round it.
+    let (heading, start) = (19.643_f64.to_radians(), Vec2::new(51.301, -30.543));
+    let centre = start + 60.0 * Vec2::new(heading.sin(), -heading.cos());
+    let (sin, cos) = (-15.0_f64 / 60.0).sin_cos();
+    let from = start - centre;
+    let end = centre + Vec2::new(cos * from.x - sin * from.y, sin * from.x + cos * from.y);
+    let second = format!(
+        "[guides.rail.behind]\nspan = [\"driver\", \"driven\"]\nside = \"outside\"\narm = \"tensioner\"\n\
+         start_x_mm = {}\nstart_y_mm = {}\nheading_deg = {}\nlengths_mm = [100, 15]\nradii_mm = [250, 60]\n\n",
+        end.x,
+        end.y,
+        19.643 - (15.0_f64 / 60.0).to_degrees()
+    );
+    let first = tail.replacen("lengths_mm = [15, 100, 15]", "lengths_mm = [15]", 1).replacen(
+        "radii_mm = [60, 250, 60]",
+        "radii_mm = [60]",
+        1,
+    );
+    let both = drive(&format!("{head}{second}[guides.rail.slack]{first}"), &[]);
+    if let Err(e) = at_rest(&both) {
+        panic!("{e}");
+    }
 }

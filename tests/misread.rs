@@ -96,13 +96,26 @@ fn channels_that_contradict_each_other_are_told() {
                 next.set(next.get() + 1);
                 noises[next.get() % noises.len()]
             },
-            "with a correlation of",
+            "does not move where the other does",
         ),
     ];
     for (what, second, says) in cases {
         let told = told_first(what, &report_of(&rows, second, true));
         assert!(told.contains("`speed` and `second`") && told.contains(says), "{told}");
     }
+    // Two tachometers at a steady speed, each with a noise of its own: their ripple says nothing, and 6 % is a gain error.
+    let mut noises = Random::new(5);
+    let mut noise = || (noises.below(2001) as f64 / 1000.0 - 1.0) * 2.0;
+    let steady = rig().map(|r| r.into_iter().map(|[t, _, _]| [t, 0.1 + 1e-3 * noise(), 1500.0 + noise()]).collect());
+    let mut others = Random::new(6);
+    let others: Vec<f64> = (0..4000).map(|_| (others.below(2001) as f64 / 1000.0 - 1.0) * 2.0).collect();
+    let next = std::cell::Cell::new(0);
+    let other = |_: f64| {
+        next.set(next.get() + 1);
+        1590.0 + others[next.get() % others.len()]
+    };
+    let told = report_of(&steady, &other, true).look_first;
+    assert!(told.iter().all(|t| !t.contains("contradict")), "{told:?}");
     let same = report_of(&rows, &|v| 1.02 * v, true);
     assert!(same.look_first.is_empty(), "a gain that is off by 2 % is an effect: {:?}", same.look_first);
 }

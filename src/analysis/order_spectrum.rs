@@ -100,16 +100,20 @@ pub struct OscillationDifference {
 impl OscillationDifference {
     /// None: they have no turn in common, or the other one does not oscillate.
     pub fn between(own: &AngleRecord, other: &AngleRecord) -> Option<OscillationDifference> {
-        let first = own.turns.first()?.max(*other.turns.first()?);
-        let last = own.turns.last()?.min(*other.turns.last()?);
+        // A driver may turn backwards.
+        let sign = if own.turns.last()? < own.turns.first()? { -1.0 } else { 1.0 };
+        let forwards = |record: &AngleRecord| record.turns.iter().map(|x| sign * x).collect::<Vec<f64>>();
+        let (turns, theirs) = (forwards(own), forwards(other));
+        let first = turns.first()?.max(*theirs.first()?);
+        let last = turns.last()?.min(*theirs.last()?);
         // Angles rise, so that the place in the other record moves on.
         let mut k = 0;
         let mut both: Vec<[f64; 2]> = Vec::new();
-        for (turn, value) in own.turns.iter().zip(&own.values).filter(|(turn, _)| (first..=last).contains(*turn)) {
-            while k + 2 < other.turns.len() && other.turns[k + 1] < *turn {
+        for (turn, value) in turns.iter().zip(&own.values).filter(|(turn, _)| (first..=last).contains(*turn)) {
+            while k + 2 < theirs.len() && theirs[k + 1] < *turn {
                 k += 1;
             }
-            let (from, to) = (*other.turns.get(k)?, *other.turns.get(k + 1)?);
+            let (from, to) = (*theirs.get(k)?, *theirs.get(k + 1)?);
             let share = if to > from { (turn - from) / (to - from) } else { 0.0 };
             both.push([*value, other.values[k] + share * (other.values[k + 1] - other.values[k])]);
         }
@@ -598,6 +602,11 @@ mod tests {
         let found = OscillationDifference::between(&elsewhere, &other).expect("both oscillate");
         assert!((found.turns - (2.0 - 3e-4)).abs() < 1e-12 && (found.rms_other - libm::sqrt(2.0)).abs() < 1e-3);
         assert!(OscillationDifference::between(&other, &AngleRecord::default()).is_none());
+        let backwards =
+            |record: &AngleRecord| AngleRecord { turns: record.turns.iter().map(|x| -x).collect(), ..record.clone() };
+        let own = backwards(&wave(2000, 2.2, 0.0, 7.0));
+        let found = OscillationDifference::between(&own, &backwards(&other)).expect("both oscillate");
+        assert!((found.rms_of_difference_share - 0.1).abs() < 1e-6);
     }
 
     #[test]

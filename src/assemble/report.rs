@@ -132,13 +132,16 @@ pub struct RestingStop {
     pub key: String,
     /// Force that it bears [N].
     pub force_n: f64,
+    /// How far beyond it what rests on it would stand without it [m]; at an arm, where the stop is. None: there is no rest without it.
+    pub beyond_m: Option<f64>,
 }
 
 impl RestingStop {
     /// What a line of a report says of it; nothing where nothing rests on a stop.
     fn words(stop: &Option<RestingStop>) -> String {
-        stop.as_ref()
-            .map_or_else(String::new, |s| format!("; it rests on its stop `{}` with {:.2} N", s.key, s.force_n))
+        let Some(RestingStop { key, force_n, beyond_m }) = stop else { return String::new() };
+        let beyond = beyond_m.map_or(String::new(), |m| format!(", and would stand {:.3} mm beyond it", m * 1e3));
+        format!("; it rests on its stop `{key}` with {force_n:.2} N{beyond}")
     }
 }
 

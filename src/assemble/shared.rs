@@ -30,6 +30,7 @@ impl SharedParts {
         key.name = String::new();
         key.text = String::new();
         key.title = String::new();
+        key.source = String::new();
         key.overrides = Vec::new();
         key.places = crate::drive::reader::Places::empty();
         key.document = std::sync::Arc::default();
@@ -121,6 +122,7 @@ mod tests {
                 "loads.constant.driven.torque_nm=12.5",
                 "speeds.constant.driver.speed_rpm=2200",
                 "effects.pitch_error.a.link=3 effects.pitch_error.a.length_um=20",
+                "source=elsewhere",
             ] {
                 assert!(key(set) == own, "{name}: {set}");
             }

@@ -7,25 +7,19 @@ use crate::model::{ArmModel, Model};
 use crate::pairs::part_part::{Touch, TouchShape};
 use crate::statics::{Configuration, Equilibrium, equilibrium};
 
-/// Farthest that a stop may stand before the place where spring and chain balance [m]. assumed: at the stop, a chain gains some 200 N on a millimetre.
-const FARTHEST_BEYOND_STOP_M: f64 = 1e-3;
-
-/// Refuses a drive whose tightening arm, or a slider that presses on it, would come to rest far beyond one of its stops if it had none.
-/// `rest`: where the search for the equilibrium began, `found` what it found.
+/// Refuses a drive whose chain is slack, or finds no rest, because its tightening arm or a slider that presses on it stands at a stop, with how far
+/// it would go beyond. `rest`: where the search for the equilibrium began, `found` what it found.
 pub(super) fn check_travel(
     drive: &Drive,
     model: &Model,
     rest: Configuration,
     found: Result<Equilibrium, AssemblyError>,
 ) -> Result<Equilibrium, AssemblyError> {
-    let beyond = match &found {
-        Ok(e) => stops_under(model, &e.configuration).next().is_some().then(|| beyond_stops(drive, model, rest)),
-        Err(_) => Some(beyond_stops(drive, model, rest)),
-    };
-    // A chain that a stop leaves slack is not tightened at all.
-    let is_slack = found.as_ref().is_ok_and(|e| e.tensions_n.iter().copied().fold(0.0, f64::max) < MIN_TENSION_N);
-    let farthest_m = if is_slack { 0.0 } else { FARTHEST_BEYOND_STOP_M };
-    let Some((touch, beyond_m)) = beyond.flatten().filter(|(_, m)| *m > farthest_m) else { return found };
+    let is_tight = |e: &Equilibrium| e.tensions_n.iter().copied().fold(0.0, f64::max) >= MIN_TENSION_N;
+    if found.as_ref().is_ok_and(is_tight) {
+        return found;
+    }
+    let Some((touch, beyond_m)) = beyond_stops(drive, model, rest).filter(|(_, m)| *m > 0.0) else { return found };
     let name = |path: &str| crate::diag::last_name(path.rsplit_once('.').map_or("", |(own, _)| own)).to_string();
     let lever_m = match touch.shape {
         TouchShape::Stop { lever_m, .. } => lever_m,
@@ -60,7 +54,7 @@ fn beyond_stops<'a>(drive: &Drive, model: &'a Model, rest: Configuration) -> Opt
     own.map(|t| (t, -t.shape.gap(&q).gap_m)).max_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// Arms at rest.
+/// Arms at rest under load.
 pub(super) fn resting_arms(model: &Model, q: &Configuration) -> Vec<RestingArm> {
     let of = |arm: &ArmModel| RestingArm {
         arm: arm.name.clone(),
@@ -71,7 +65,7 @@ pub(super) fn resting_arms(model: &Model, q: &Configuration) -> Vec<RestingArm> 
     model.arms.iter().map(of).collect()
 }
 
-/// Sliders with their tips, at rest.
+/// Sliders with their tips, at rest under load.
 pub(super) fn resting_sliders(model: &Model, q: &Configuration) -> Vec<RestingSlider> {
     let tips = model.touches.iter().filter_map(|t| match t.shape {
         TouchShape::Tip { slider, .. } => Some((slider, t)),
@@ -89,18 +83,17 @@ pub(super) fn resting_sliders(model: &Model, q: &Configuration) -> Vec<RestingSl
     tips.map(of).collect()
 }
 
-/// The stop that this coordinate rests on.
+/// The stop that this coordinate rests on under load, and how far beyond it would come to rest without it.
 fn stop_under(model: &Model, q: &Configuration, coordinate: usize) -> Option<RestingStop> {
     let is_own = |t: &Touch| matches!(t.shape, TouchShape::Stop { coordinate: own, .. } if own == coordinate);
-    let (touch, force_n) = stops_under(model, q).find(|(t, _)| is_own(t))?;
-    Some(RestingStop { key: touch.path.rsplit('.').next().unwrap_or_default().to_string(), force_n })
-}
-
-/// Stops that bear a force, with it [N].
-fn stops_under<'a>(model: &'a Model, q: &'a Configuration) -> impl Iterator<Item = (&'a Touch, f64)> {
-    let stops = model.touches.iter().filter(|t| matches!(t.shape, TouchShape::Stop { .. }));
-    let of = |t: &'a Touch| (t, t.law.elastic(-t.shape.gap(&q.coordinates).gap_m, t.radii).force_n);
-    stops.map(of).filter(|(_, force_n)| *force_n > 0.0)
+    let force_of = |t: &Touch| t.law.elastic(-t.shape.gap(&q.coordinates).gap_m, t.radii).force_n;
+    let touch = model.touches.iter().find(|t| is_own(t) && force_of(t) > 0.0)?;
+    let mut free = model.clone();
+    free.touches.retain(|t| !is_own(t));
+    let beyond_m =
+        equilibrium(&free, q.clone(), 1.0).ok().map(|e| -touch.shape.gap(&e.configuration.coordinates).gap_m);
+    let key = touch.path.rsplit('.').next().unwrap_or_default().to_string();
+    Some(RestingStop { key, force_n: force_of(touch), beyond_m })
 }
 
 /// Sliders where their tips just touch their arms.

@@ -198,6 +198,7 @@ pub fn run(args: &IdentifyArgs) -> Result<Outcome, Failure> {
         Outcome::Interrupted
     } else if matches!(report.outcome, IdentificationVerdict::Ambiguous | IdentificationVerdict::Lead)
         || !report.doubts.is_empty()
+        || report.is_misread
         || !report.converged
         || report.budget_spent
         || !data.missing.is_empty()

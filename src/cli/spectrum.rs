@@ -236,15 +236,23 @@ fn oscillation(own: &SpectrumSheet, theirs: &SpectrumSheet, unit: &str) -> Vec<S
             100.0 * d.rms_of_difference_share
         ));
     }
-    if let (Some(here), Some(there)) = (own.spectrum.peaks.first(), theirs.spectrum.peaks.first()) {
+    if let Some((here, there)) = same_line(own, theirs) {
         lines.push(format!(
-            "the largest line lies at {:.2} Hz, in the other recording at {:.2} Hz: {:+.2} %",
+            "the largest line, {}, lies at {:.2} Hz, in the other recording at {:.2} Hz: {:+.2} %",
+            name_of(&here.names),
             here.frequency_hz,
             there.frequency_hz,
             100.0 * (here.frequency_hz / there.frequency_hz - 1.0)
         ));
     }
     lines
+}
+
+/// The largest line that has a name, and the line of that name in the other recording.
+fn same_line<'a>(own: &'a SpectrumSheet, theirs: &'a SpectrumSheet) -> Option<(&'a SpectrumPeak, &'a SpectrumPeak)> {
+    let mut named = own.spectrum.peaks.iter().filter(|p| !p.names.is_empty());
+    let other = |own: &SpectrumPeak| theirs.spectrum.peaks.iter().find(|p| p.names == own.names);
+    named.find_map(|here| Some((here, other(here)?)))
 }
 
 fn csv(own: &SpectrumSheet, theirs: Option<&SpectrumSheet>, highest: f64) -> String {
@@ -295,6 +303,9 @@ fn json(
         "highest_order": highest,
         "peaks": peaks.collect::<Vec<_>>(),
         "differing": differing,
+        "largest_line": theirs.and_then(|theirs| same_line(own, theirs)).map(|(here, there)| {
+            serde_json::json!({ "names": here.names, "frequency_hz": here.frequency_hz, "frequency_hz_other": there.frequency_hz })
+        }),
         "oscillation": theirs.and_then(|theirs| OscillationDifference::between(&own.record, &theirs.record)),
         "too_short_for": unresolved(&own.record, s)
             .into_iter()

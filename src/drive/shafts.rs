@@ -172,7 +172,7 @@ fn harmonics(t: &TomlTable<'_>, key: &str, unit: f64, range: std::ops::RangeIncl
     let orders = t.list("orders", 1.0, 0.01..=1000.0).unwrap_or_default();
     let amplitudes = t.list(key, unit, range).unwrap_or_default();
     let phases = t.list("phases_deg", DEG, -3600.0..=3600.0).unwrap_or_default();
-    if !orders.is_empty() && phases.is_empty() {
+    if !orders.is_empty() && !t.has("phases_deg") {
         let zeros = vec!["0"; orders.len()].join(", ");
         t.error_at("orders", ORDERS_WITHOUT_PHASES.into(), Some(format!("add `phases_deg = [{zeros}]`")));
         return Vec::new();

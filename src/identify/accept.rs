@@ -292,9 +292,15 @@ fn accepted<'a>(
     trials: &mut [Trial],
 ) -> (FittedModel<'a>, Vec<Evidence>) {
     let (mut best, mut evidence) = first_confirmed_set(declared, all, effective, own, context, trials);
+    if context.must_end() {
+        return (best, evidence);
+    }
     context.report("looking whether loads follow other laws");
     (best, evidence) = with_known_laws(declared, (best, evidence), effective, own, context, trials);
     context.report("comparing the found effects with held-out data");
+    if context.must_end() {
+        return (best, evidence);
+    }
     if let Some(simulated) = simulated {
         (best, evidence) = with_confirmed_effects(declared, (best, evidence), simulated, effective, own, context);
     }

@@ -22,7 +22,7 @@ pub fn accept_drifting<'a>(found: &mut AcceptedResult<'a>, drifting: &[DriftingN
     let effective = best_effective(&models);
     let mut able: Vec<(f64, usize, &DriftingNumber)> = drifting
         .iter()
-        .filter(|d| d.number.course != Course::NoOrder && !is_ordered_by_load(&d.model.problem))
+        .filter(|d| d.is_confirmed && !is_ordered_by_load(&d.model.problem))
         .filter(|d| is_at_the_floor(&d.model))
         .filter_map(|d| Some((score(&d.model, &effective), effect_of(d)?, d)))
         .filter(|(_, which, d)| outside_the_records(&d.model, *which).is_none())

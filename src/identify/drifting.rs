@@ -6,7 +6,7 @@
 
 use super::candidates::law_of_shape;
 use super::fit::{Fit, FitOptions, fit};
-use super::model::{FittedModel, standard_error};
+use super::model::{FittedModel, placed_path, standard_error};
 use super::problem::{Global, Point, Problem};
 use super::search::Context;
 use super::stats;
@@ -75,6 +75,8 @@ impl Course {
 pub struct DriftingNumber<'a> {
     pub number: VaryingNumber,
     pub model: FittedModel<'a>,
+    /// Whether records that had no part in the fit lie on its course.
+    pub is_confirmed: bool,
     /// Squared error of the fitted records that is then above the floor.
     left: f64,
 }
@@ -90,6 +92,8 @@ const PROMISED_SHARE: f64 = 0.3;
 /// Share of it that they must take by a fit.
 // Not varied. Coulomb friction that falls by a quarter or a half over six records takes 83 to 99 % in three cases of a blind set.
 const LEAST_SHARE: f64 = 0.5;
+/// Standard errors of a step from record to record of values that go one way.
+const ONE_WAY: f64 = 2.0;
 /// The held-out error must fall to this at most.
 const MOST_HELD_OUT: f64 = 0.95;
 const ITERATIONS: usize = 20;
@@ -118,7 +122,7 @@ pub(super) fn explains_the_rest(model: &FittedModel, context: &Context) -> bool 
     if model.is_noise_alone() || is_ordered_by_load(&model.problem) || is_ordered_by_motion(&model.problem) {
         return false;
     }
-    let explains = |d: &DriftingNumber| d.number.course != Course::NoOrder && d.model.is_noise_alone();
+    let explains = |d: &DriftingNumber| d.is_confirmed && d.model.is_noise_alone();
     of_model(model, context).iter().any(explains)
 }
 
@@ -221,7 +225,8 @@ fn with_a_value_for_each<'a>(model: &FittedModel<'a>, global: usize, records: &[
     let own = |r: &usize| Global { record: Some(*r), prior: None, ..number.clone() };
     problem.globals.splice(global..=global, records.iter().map(own));
     point.globals.splice(global..=global, records.iter().map(|_| x));
-    let (mut problem, found) = fit_from_sharper_friction_too(problem, &point, model.threads);
+    let effects: Vec<String> = (0..model.effects.len()).map(|which| placed_path(model, which) + ".").collect();
+    let (mut problem, found) = fit_from_sharper_friction_too(problem, &effects, &point, model.threads);
     let values: Vec<f64> = found.point.globals[global..global + records.len()].to_vec();
     for r in 0..problem.data.records.len() {
         if !records.contains(&r) {
@@ -242,16 +247,6 @@ fn with_a_value_for_each<'a>(model: &FittedModel<'a>, global: usize, records: &[
     between.dedup();
     let is_tested = !between.is_empty() && records.len() + between.len() >= LEAST_RECORDS;
     let falls_enough = |[ratio, _, high]: [f64; 3]| ratio < MOST_HELD_OUT && high < 1.0;
-    let is_predicted = match is_tested {
-        true => held_out_ratio.is_some_and(falls_enough),
-        false => records.len() >= LEAST_RECORDS && inner_records_lie_between(&other, model, global, records),
-    };
-    let course = match () {
-        () if !is_predicted => Course::NoOrder,
-        () if values.windows(2).all(|w| w[1] < w[0]) => Course::Falls,
-        () if values.windows(2).all(|w| w[1] > w[0]) => Course::Rises,
-        () => Course::Wanders,
-    };
     let slot = &model.problem.machine.slots[number.slot];
     let per_unit = |x: f64| if number.law.logarithm { number.law.value(x) } else { number.law.scale } / slot.unit;
     let value = |(i, r): (usize, &usize)| RecordValue {
@@ -260,15 +255,29 @@ fn with_a_value_for_each<'a>(model: &FittedModel<'a>, global: usize, records: &[
         standard_error: standard_error(&other, global + i) * per_unit(values[i]).abs(),
     };
     let path = slot.path.clone();
-    let values = records.iter().enumerate().map(value).collect();
+    let shown: Vec<RecordValue> = records.iter().enumerate().map(value).collect();
+    let is_confirmed = is_tested && held_out_ratio.is_some_and(falls_enough);
+    let is_told = is_confirmed || !is_tested && records.len() >= LEAST_RECORDS && go_one_way(&shown);
+    let course = match () {
+        () if !is_told => Course::NoOrder,
+        () if values.windows(2).all(|w| w[1] < w[0]) => Course::Falls,
+        () if values.windows(2).all(|w| w[1] > w[0]) => Course::Rises,
+        () => Course::Wanders,
+    };
     let beside = model.effects.iter().map(super::candidates::Hypothesis::identity).collect();
-    let number = VaryingNumber { path, beside, course, values, fitted_ratio, held_out_ratio };
-    Some(DriftingNumber { number, model: other, left })
+    let number = VaryingNumber { path, beside, course, values: shown, fitted_ratio, held_out_ratio };
+    Some(DriftingNumber { number, model: other, is_confirmed, left })
 }
 
 /// The better of two fits: one starts as it is told to, the other with friction that is sharper at rest, in a range about that. One size for all
 /// records makes friction soft, where sizes differ.
-fn fit_from_sharper_friction_too<'a>(problem: Problem<'a>, start: &Point, threads: usize) -> (Problem<'a>, Fit) {
+/// `effects`: paths of the effects whose friction it is; a number of the drive file keeps its range.
+fn fit_from_sharper_friction_too<'a>(
+    problem: Problem<'a>,
+    effects: &[String],
+    start: &Point,
+    threads: usize,
+) -> (Problem<'a>, Fit) {
     let options = FitOptions { iterations: ITERATIONS, threads };
     let found = fit(&problem, start, options);
     let (mut sharper, mut begin) = (problem.clone(), found.point.clone());
@@ -276,7 +285,8 @@ fn fit_from_sharper_friction_too<'a>(problem: Problem<'a>, start: &Point, thread
     for (g, x) in begin.globals.iter_mut().enumerate() {
         let Global { slot, law, .. } = &problem.globals[g];
         let slot = &problem.machine.slots[*slot];
-        if law.logarithm && slot.path.rsplit('.').next().is_some_and(|key| key.starts_with("stick_speed")) {
+        let is_own = effects.iter().any(|effect| slot.path.starts_with(effect.as_str()));
+        if is_own && law.logarithm && slot.path.rsplit('.').next().is_some_and(|key| key.starts_with("stick_speed")) {
             let value = law.value(*x) / SHARPER;
             sharper.globals[g].law = law_of_shape(value, (slot.low * slot.unit, slot.high * slot.unit));
             *x = sharper.globals[g].law.scaled(value);
@@ -290,25 +300,14 @@ fn fit_from_sharper_friction_too<'a>(problem: Problem<'a>, start: &Point, thread
     if other.cost < found.cost { (sharper, other) } else { (problem, found) }
 }
 
-/// Whether every inner record is followed better with a value between those of its neighbours than with one value for all, where no record is held
-/// out between them. The neighbours' values were fitted without it.
-fn inner_records_lie_between(other: &FittedModel, model: &FittedModel, global: usize, records: &[usize]) -> bool {
-    let own = &other.fit.point.globals[global..global + records.len()];
-    let without = Problem { weights: other.problem.weights.clone(), ..model.problem.clone() };
-    let errs = |problem: &Problem, globals: &[f64], locals: &[Vec<f64>], record: usize| -> f64 {
-        let parts = (0..problem.data.segments.len()).filter(|k| problem.data.segments[*k].record == record);
-        parts.flat_map(|k| problem.residuals(k, globals, &locals[k])).map(|r| r * r).sum()
-    };
-    (1..records.len() - 1).all(|i| {
-        let kept = |k: &usize| *k != i;
-        let (of, values): (Vec<usize>, Vec<f64>) =
-            (0..records.len()).filter(kept).map(|k| (records[k], own[k])).unzip();
-        let mut globals = other.fit.point.globals.clone();
-        globals[global + i] = between_neighbours(&of, &values, records[i]);
-        let between = errs(&other.problem, &globals, &other.fit.point.locals, records[i]);
-        let one = errs(&without, &model.fit.point.globals, &model.fit.point.locals, records[i]);
-        between < MOST_HELD_OUT * MOST_HELD_OUT * one
-    })
+/// Whether values go one way from record to record by more than their errors. No record is held out between them: such a course is told, and names nothing.
+fn go_one_way(values: &[RecordValue]) -> bool {
+    let steps = values.windows(2).map(|w| {
+        let error = libm::hypot(w[0].standard_error, w[1].standard_error);
+        (w[1].value - w[0].value) / error.max(1e-300)
+    });
+    let (falls, rises) = steps.fold((true, true), |(f, r), by| (f && by < -ONE_WAY, r && by > ONE_WAY));
+    falls || rises
 }
 
 /// Value at a record, on a curve through the records that have one, which turns nowhere between two of them (monotone cubic, Fritsch and

@@ -116,7 +116,7 @@ pub fn identify(
             return Err(DeclaredModelFails { record: data.records[s.record].clone(), cause });
         }
     }
-    let misread = misread::misread(&problem, &start);
+    let misread = misread::misread(&problem, &start, context);
     let records_on_the_way = Default::default();
     let searched = search::search(measurement, problem, &own, context);
     let (searched, begun) =
@@ -185,7 +185,9 @@ pub fn identify(
     let misread::Misread { doubts: mut misread, notes } = misread;
     for moved in moved::moved_numbers(measurement, &found.declared, &found.best) {
         if let Some(unit) = moved.as_unit() {
-            misread.push(unit);
+            if !misread.contains(&unit) {
+                misread.push(unit);
+            }
         } else if !moved.is_at_bound && report.is_confirmed(&moved.path) {
             report.warnings.push(moved.text + "; inverse dynamics gives the same number");
         } else if moved.is_implausible {
@@ -218,6 +220,7 @@ pub fn identify(
             (true, true) => IdentificationVerdict::Named,
         };
     }
+    report.is_misread = !misread.is_empty();
     report.look_first = misread.into_iter().chain(notes).collect();
     report.interrupted = context.stop.load(Ordering::Relaxed);
     report.budget_spent = context.must_end() && !report.interrupted;

@@ -21,6 +21,8 @@ pub struct MovedNumber {
     pub times: f64,
     /// Whether nothing in the measurement file says that it may lie so far off.
     pub is_implausible: bool,
+    /// Whether the measurement file gives its range.
+    pub has_range: bool,
     /// Whether it ends at a limit of its range, so that no other way confirms it.
     pub is_at_bound: bool,
 }
@@ -29,8 +31,9 @@ impl MovedNumber {
     /// What is said of it where it has moved by the factor between two units.
     pub fn as_unit(&self) -> Option<String> {
         let factors = unit_factors(self.times);
-        // Loads are rough guesses in many files, and differ from state to state.
-        let is_known = !self.path.starts_with("loads.") && !self.is_at_bound;
+        // Loads and dampers are rough guesses in many files.
+        let is_guess = self.path.starts_with("loads.") || self.path.contains(".damping");
+        let is_known = !is_guess && !self.is_at_bound && !self.has_range;
         (is_known && !factors.is_empty() && libm::log(self.times).abs() > IMPLAUSIBLE_CHANGE).then(|| {
             format!(
                 "the fit has moved `{}` to {:.4} times the file's value, near a factor of {}: is a unit wrong, in the drive file or in the records?",
@@ -70,7 +73,7 @@ pub fn moved_numbers(measurement: &Measurement, declared: &FittedModel, best: &F
         let is_at_bound = *to <= low || *to >= high;
         let is_beyond = g.law.logarithm && (from - to).abs() > IMPLAUSIBLE_CHANGE;
         let is_implausible = (stated.is_none() || is_beyond) && !has_range;
-        far.then(|| MovedNumber { path, text: moved + &why, times, is_implausible, is_at_bound })
+        far.then(|| MovedNumber { path, text: moved + &why, times, is_implausible, has_range, is_at_bound })
     };
     numbers.filter_map(text).collect()
 }

@@ -6,7 +6,8 @@
 use super::judge::Residuals;
 use super::model::{FittedModel, globals_of};
 use crate::effects::{Kind, Scale, constant_torque, offset, warming_friction};
-use crate::machine::{Input, InputKind, Target};
+use crate::machine::simulate::Samples;
+use crate::machine::{Input, InputKind, Reads, Target};
 
 /// A law of the speed must bend below so many root mean squares of the body's speed. A sine reaches 1.4 of them, a run-up from rest 1.7.
 const REACHED: f64 = 3.0;
@@ -90,13 +91,14 @@ pub fn doubts(declared: &FittedModel, best: &FittedModel) -> Vec<String> {
     all
 }
 
-/// A force may be so many times the largest that goes in.
+/// A force may be so many times the largest that goes in and that an inertia gives; accelerations are means over so many samples.
 const MOST_OF_INPUT: f64 = 3.0;
+const OVER_SAMPLES: usize = 8;
 /// A zero offset may differ from what the channel reads at rest by this share of itself, beside so many times the noise.
 const OFFSET_AT_REST: f64 = 0.2;
 const NOISE_AT_REST: f64 = 10.0;
 
-/// What speaks against sizes that the records themselves refute: a force far above what goes in, an offset that a channel at rest does not show.
+/// What speaks against sizes that the records themselves refute: a force far above what goes in and what inertia gives, an offset that a channel at rest does not show.
 pub fn sizes_that_no_machine_has(best: &FittedModel) -> Vec<String> {
     (0..best.effects.len())
         .filter_map(|which| force_above_inputs(best, which).or_else(|| offset_at_rest(best, which)))
@@ -115,28 +117,50 @@ fn largest_amplitude(best: &FittedModel, which: usize) -> Option<(f64, String)> 
     globals_of(best, which).into_iter().filter_map(of).max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))
 }
 
-/// A constant force or a dry friction on a body that one measured force drives, far above that force. Where a force never moves, the body coasts.
+/// A constant force or a dry friction on a body that one measured force drives, far above that force and what the body's own inertia gives as it speeds
+/// up or slows down: F = u - J a, whatever moves.
 fn force_above_inputs(best: &FittedModel, which: usize) -> Option<String> {
     let h = &best.effects[which];
     let machine = &best.problem.machine;
     let Target::Body(body) = h.target else { return None };
     let is_force = h.effect.kin.family == Some(DRY_FRICTION) || *h.effect == constant_torque::ROW;
-    let own = |input: &Input| matches!(input.kind, InputKind::Force(_)) && input.body == body;
-    let (input, gain) = machine.inputs.iter().enumerate().find_map(|(k, input)| match input.kind {
-        InputKind::Force(gain) if own(input) => Some((k, machine.values[gain])),
-        InputKind::Force(_) | InputKind::Speed | InputKind::Angle | InputKind::Acceleration => None,
-    })?;
-    if !is_force || !machine.springs.is_empty() || machine.inputs.iter().filter(|i| own(i)).count() != 1 {
+    let is_own = |input: &Input| matches!(input.kind, InputKind::Force(_)) && input.body == body;
+    let is_loaded = machine.placed.iter().any(|p| p.target == h.target && *p.effect == constant_torque::ROW);
+    let others = best.effects.iter().filter(|e| e.target == h.target).count() > 1;
+    if !is_force
+        || is_loaded
+        || others
+        || !machine.springs.is_empty()
+        || machine.inputs.iter().filter(|i| is_own(i)).count() != 1
+    {
         return None;
     }
-    let series = best.problem.data.segments.iter().filter_map(|s| s.task.inputs.get(input)).flatten();
-    let (low, high) =
-        series.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), u| (low.min(gain * u), high.max(gain * u)));
-    let largest = low.abs().max(high.abs());
+    let number = |slot: usize| {
+        let fitted = best.problem.globals.iter().position(|g| g.slot == slot && g.record.is_none());
+        fitted.map_or(machine.values[slot], |g| best.problem.globals[g].law.value(best.fit.point.globals[g]))
+    };
+    let (input, gain) = machine.inputs.iter().enumerate().find_map(|(k, input)| match input.kind {
+        InputKind::Force(gain) if is_own(input) => Some((k, number(gain))),
+        InputKind::Force(_) | InputKind::Speed | InputKind::Angle | InputKind::Acceleration => None,
+    })?;
+    // A speed of the body is measured: its mean changes over a few samples tell the acceleration.
+    let c = best.problem.data.channels.iter().position(|c| machine.sensors[c.sensor].reads == Reads::Speed(body))?;
+    let per_unit = number(machine.sensors[best.problem.data.channels[c].sensor].gain);
+    let inertia = number(machine.bodies[body].inertia?);
+    let mut largest = 0.0_f64;
+    for s in &best.problem.data.segments {
+        let Samples::Times { step_s, .. } = s.task.samples else { return None };
+        let force = s.task.inputs.get(input)?.iter().fold(0.0_f64, |most, u| most.max((gain * u).abs()));
+        let means: Vec<f64> =
+            s.measured[c].chunks(OVER_SAMPLES).map(|own| own.iter().sum::<f64>() / own.len() as f64).collect();
+        let changes = means.windows(2).map(|w| (w[1] - w[0]).abs() / per_unit.abs()).filter(|d| d.is_finite());
+        let acceleration = changes.fold(0.0, f64::max) / (OVER_SAMPLES as f64 * step_s);
+        largest = largest.max(force + inertia * acceleration);
+    }
     let (size, path) = largest_amplitude(best, which)?;
-    (high > low && size.abs() > MOST_OF_INPUT * largest).then(|| {
+    (size.abs() > MOST_OF_INPUT * largest).then(|| {
         format!(
-            "`{path}` is {:.1} times the largest force that goes in: nothing that this input drives has that",
+            "`{path}` is {:.1} times what goes in and what the inertia gives, at most: nothing moves against that",
             size.abs() / largest
         )
     })
@@ -146,7 +170,11 @@ fn force_above_inputs(best: &FittedModel, which: usize) -> Option<String> {
 fn offset_at_rest(best: &FittedModel, which: usize) -> Option<String> {
     let h = &best.effects[which];
     let Target::Sensor(sensor) = h.target else { return None };
-    if *h.effect != offset::ROW {
+    let reads = best.problem.machine.sensors[sensor].reads;
+    if *h.effect != offset::ROW
+        || globals_of(best, which).len() != 1
+        || !matches!(reads, Reads::Angle(_) | Reads::Speed(_))
+    {
         return None;
     }
     let c = best.problem.data.channels.iter().position(|c| c.sensor == sensor)?;

@@ -246,6 +246,8 @@ pub struct IdentificationReport {
     pub varying: Vec<VaryingNumber>,
     /// What the user should look at before all else: records that contradict each other or the drive file.
     pub look_first: Vec<String>,
+    /// Some of that makes a lead of a name.
+    pub is_misread: bool,
     /// What speaks against the accepted effects; each makes a LEAD of what would be NAMED.
     pub doubts: Vec<String>,
     /// Where fits of the reported set end that start elsewhere, the reported basin first; empty where none was fitted.
@@ -586,6 +588,7 @@ pub fn report(measurement: &Measurement, data: &Data, found: &AcceptedResult) ->
         prediction: None,
         varying: Vec::new(),
         look_first: Vec::new(),
+        is_misread: false,
         basins: Vec::new(),
         doubts: Vec::new(),
         warnings: data.warnings.clone(),

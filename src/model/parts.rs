@@ -321,11 +321,14 @@ struct Contour<'a> {
 /// Largest distance of a contour from the lines between its points [m].
 const CONTOUR_TOLERANCE_M: f64 = 10e-6;
 
-/// Whether two open polylines cross. Those that only touch, as guides that lie end to end, do not.
+/// Whether two open polylines cross, by more than their tolerance. Those that only touch, as guides that lie end to end, do not.
 fn cross_each_other(one: &[Vec2], other: &[Vec2]) -> bool {
-    // Which side of the line from `a` to `b` the point `p` lies on.
-    let side = |a: Vec2, b: Vec2, p: Vec2| cross(b - a, p - a);
-    let parted = |(a, b): (Vec2, Vec2), (c, d): (Vec2, Vec2)| side(a, b, c) * side(a, b, d) < 0.0;
+    // How far the point `p` lies from the line from `a` to `b`, to the left of it positive.
+    let side = |a: Vec2, b: Vec2, p: Vec2| cross(b - a, p - a) / (b - a).norm().max(f64::MIN_POSITIVE);
+    let parted = |(a, b): (Vec2, Vec2), (c, d): (Vec2, Vec2)| {
+        let (c, d) = (side(a, b, c), side(a, b, d));
+        c * d < 0.0 && c.abs().min(d.abs()) > 2.0 * CONTOUR_TOLERANCE_M
+    };
     let lines = |points: &[Vec2]| points.iter().copied().zip(points.iter().copied().skip(1)).collect::<Vec<_>>();
     let others = lines(other);
     lines(one).into_iter().any(|a| others.iter().any(|b| parted(a, *b) && parted(*b, a)))
