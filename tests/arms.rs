@@ -571,7 +571,7 @@ fn what_stands_in_the_way_of_the_loop_is_told_with_its_distance() {
     for (text, set, says) in [
         (arm.as_str(), "arms.tensioner.high_deg=-5", "stands 6.5"),
         (arm.as_str(), "arms.tensioner.high_deg=0", "deg beyond this stop"),
-        (ford, "sliders.plunger.high_mm=-3", "the loop closes where slider `plunger` stands 2."),
+        (ford, "sliders.plunger.high_mm=-6", "the loop closes where slider `plunger` stands 5.2"),
         (v12, "guides.rail.tight.start_x_mm=-30", "guide `tight` runs through sprocket `idler`"),
         (crossing.as_str(), "loads.constant.intake.torque_nm=0.9", "guides `other` and `tight` cross each other"),
         (ford, "chain.silent.links=80", "shorter than its path as drawn"),

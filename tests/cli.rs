@@ -247,7 +247,7 @@ fn mistakes_are_said_at_the_right_place_with_the_right_exit_code() {
         (
             vec![changed("key.toml", "pitch_mm = 8.0", "pich_mm = 8.0")],
             2,
-            vec!["unknown key `chain.bush.pich_mm`", "did you mean `pitch_mm`?", "key.toml:11:1", "^"],
+            vec!["unknown key `chain.bush.pich_mm`", "did you mean `pitch_mm`?", "key.toml:12:1", "^"],
         ),
         (vec![changed("unit.toml", "pitch_mm = 8.0", "pitch_in = 0.315")], 2, vec!["pitch_in", "write `pitch_mm`"]),
         (

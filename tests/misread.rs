@@ -13,6 +13,9 @@ use std::path::Path;
 /// A row of a record: time [ms], torque [N m], speed [1/min].
 type Row = [f64; 3];
 
+/// What the second tachometer shows, from what the first one shows.
+type Second<'a> = &'a dyn Fn(f64) -> f64;
+
 /// The records of the rig.
 fn rig() -> [Vec<Row>; 3] {
     ["a", "b", "c"].map(|name| {
@@ -27,7 +30,7 @@ fn rig() -> [Vec<Row>; 3] {
 }
 
 /// Identifies records of the rig with a second tachometer.
-fn report_of(records: &[Vec<Row>; 3], second: &dyn Fn(f64) -> f64, is_second_used: bool) -> IdentificationReport {
+fn report_of(records: &[Vec<Row>; 3], second: Second, is_second_used: bool) -> IdentificationReport {
     let folder = tempfile::tempdir().expect("a folder");
     let source = Path::new("tests/data/rig");
     let copy = |name: &str| std::fs::read_to_string(source.join(name)).expect("a file of the rig");
@@ -86,7 +89,7 @@ fn channels_that_contradict_each_other_are_told() {
     let mut noise = || (random.below(2001) as f64 / 1000.0 - 1.0) * 30.0;
     let noises: Vec<f64> = (0..4000).map(|_| noise()).collect();
     let next = std::cell::Cell::new(0);
-    let cases: [(&str, &dyn Fn(f64) -> f64, &str); 4] = [
+    let cases: [(&str, Second, &str); 4] = [
         ("twice", &|v| 2.0 * v, "times the other"),
         ("sign", &|v| -v, "has the opposite sign"),
         ("mean", &|v| v + 60.0, "has a mean that differs"),

@@ -205,7 +205,7 @@ fn swapped_records(problem: &Problem, start: &Point, context: &Context) -> Vec<S
     let data = problem.data;
     let n = data.segments.len();
     let is_single = |k: usize| data.segments.iter().filter(|s| s.record == data.segments[k].record).count() == 1;
-    if n < 2 || n > MOST_RECORDS || problem.machine.period_pitches().is_some() || !(0..n).all(is_single) {
+    if !(2..=MOST_RECORDS).contains(&n) || problem.machine.period_pitches().is_some() || !(0..n).all(is_single) {
         return Vec::new();
     }
     let set_of = |k: usize| data.set.get(data.segments[k].record);
