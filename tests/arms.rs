@@ -564,16 +564,11 @@ fn what_stands_in_the_way_of_the_loop_is_told_with_its_distance() {
     let arm = format!("{}{stops}", BUNDLED[3].1);
     let ford = include_str!("../assets/drives/ford-v6.toml");
     let v12 = include_str!("../assets/drives/v12-primary.toml");
-    // A rail across the tight one of the engine, on the same side of the chain.
-    let other = "[guides.rail.other]\nspan = [\"intake\", \"crank\"]\nside = \"outside\"\nstart_x_mm = -120\nstart_y_mm = 150\n\
-                 heading_deg = 10\nlengths_mm = [80]\nradii_mm = [0]\n\n[guides.rail.tight]";
-    let crossing = ford.replacen("[guides.rail.tight]", other, 1);
     for (text, set, says) in [
         (arm.as_str(), "arms.tensioner.high_deg=-5", "stands 6.5"),
         (arm.as_str(), "arms.tensioner.high_deg=0", "deg beyond this stop"),
         (ford, "sliders.plunger.high_mm=-6", "the loop closes where slider `plunger` stands 5.2"),
         (v12, "guides.rail.tight.start_x_mm=-30", "guide `tight` runs through sprocket `idler`"),
-        (crossing.as_str(), "loads.constant.intake.torque_nm=0.9", "guides `other` and `tight` cross each other"),
         (ford, "chain.silent.links=80", "shorter than its path as drawn"),
     ] {
         let report = match Drive::parse("way.toml", text, &[set.to_string()]) {

@@ -619,7 +619,8 @@ fn a_motion_without_a_period_is_refused_with_its_place() {
     let text = pitchline::drive::BUNDLED[0].1;
     let with = |more: &str| Machine::of_file("bush.toml", &text.replace("speed_rpm = 3000", more)).map(|_| ());
     for orders in ["[1, 2]", "[1.5]", "[0.3333333333333333, 2]", "[0.25]"] {
-        with(&format!("speed_rpm = 3000\norders = {orders}\namplitudes_deg = {orders}")).expect("a period");
+        with(&format!("speed_rpm = 3000\norders = {orders}\namplitudes_deg = {orders}\nphases_deg = {orders}"))
+            .expect("a period");
     }
     let odd = with("speed_rpm = 3000\norders = [1.41421356]\namplitudes_deg = [0.1]\nphases_deg = [0]")
         .expect_err("no period")

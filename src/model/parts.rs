@@ -333,3 +333,22 @@ fn cross_each_other(one: &[Vec2], other: &[Vec2]) -> bool {
     let others = lines(other);
     lines(one).into_iter().any(|a| others.iter().any(|b| parted(a, *b) && parted(*b, a)))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_that_only_touch_do_not_cross() {
+        let line = |points: &[[f64; 2]]| points.iter().map(|p| Vec2::new(p[0], p[1])).collect::<Vec<_>>();
+        let bent = line(&[[0.0, 0.0], [0.1, 0.0], [0.2, -0.05]]);
+        let crosses =
+            |other: &[[f64; 2]]| cross_each_other(&bent, &line(other)) && cross_each_other(&line(other), &bent);
+        assert!(crosses(&[[0.05, -0.01], [0.05, 0.01]]));
+        assert!(crosses(&[[0.15, -0.1], [0.16, 0.1]]), "the second stretch");
+        assert!(!crosses(&[[0.05, 0.001], [0.05, 0.01]]), "beside it");
+        assert!(!crosses(&[[0.2, -0.05], [0.3, -0.2]]), "end to end");
+        assert!(!crosses(&[[0.2 - 1e-6, -0.05 + 1e-6], [0.3, -0.1]]), "end to end but for a micrometre");
+        assert!(!crosses(&[[0.02, 0.0], [0.08, 0.0]]), "on it");
+    }
+}
