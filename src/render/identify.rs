@@ -37,7 +37,7 @@ pub fn html(report: &IdentificationReport) -> String {
         let end = more.find("\n\n").unwrap_or(more.len());
         (&more[..end], more[end..].trim_start())
     });
-    let _infallible = writeln!(page, "<pre style=\"white-space:pre-wrap;font-size:14px\">{}</pre>", escape(verdict));
+    let _infallible = writeln!(page, "<pre style=\"white-space:pre-wrap;font-size:14px\">{}</pre>", lines(verdict));
     page += "<h2>Error budget</h2>\n";
     page += &budget(report);
     page += "<h2>Measured, <span class=\"b\">before</span>, <span class=\"a\">after</span>; below, what is left, with twice the noise floor</h2>\n";
@@ -68,8 +68,13 @@ pub fn html(report: &IdentificationReport) -> String {
     }
     page += "<h2>What is left, by itself</h2>\n";
     page += &residuals_section(report);
-    let _infallible = writeln!(page, "<h2>In words</h2><pre>{}</pre></html>", escape(rest));
+    let _infallible = writeln!(page, "<h2>In words</h2><pre>{}</pre></html>", lines(rest));
     page
+}
+
+/// Text of several lines, each escaped: `escape` makes a space of a line's end.
+fn lines(text: &str) -> String {
+    text.lines().map(escape).collect::<Vec<_>>().join("\n")
 }
 
 fn budget(report: &IdentificationReport) -> String {
