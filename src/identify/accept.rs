@@ -507,8 +507,9 @@ fn without_rejected_effects<'a>(
 ) -> (FittedModel<'a>, Vec<Evidence>) {
     loop {
         if best.effects.is_empty() {
-            // Its fit went on from the one with the effect; the declared model has had several starts.
-            return (declared.clone(), Vec::new());
+            // A fit that went on from the one with the effect may be better; one that the end of the time has cut short is not.
+            let is_better = best.misfit() < declared.misfit();
+            return (if is_better { best } else { declared.clone() }, Vec::new());
         }
         let mut weakest: Option<(f64, FittedModel<'a>, usize, String)> = None;
         let mut all_evidence = Vec::new();

@@ -328,7 +328,7 @@ pub(super) fn score_of(
     effective: &[f64],
 ) -> f64 {
     let n: f64 = effective.iter().sum();
-    // Of records without noise, the error of the integration is left, which no effect explains.
+    // Records without noise leave the error of the integration, which no effect explains.
     let is_told = problem.machine.effort().noise_alone_is_left;
     let least = |c: usize| if is_told { NOTHING_LEFT * problem.data.channels[c].noise } else { 0.0 };
     let misfit = judge::deviance_above(left, effective, least);
