@@ -85,6 +85,8 @@ pub mod reproduce;
 #[doc(hidden)]
 pub mod sensing;
 #[doc(hidden)]
+pub mod side_by_side;
+#[doc(hidden)]
 pub mod state;
 #[doc(hidden)]
 pub mod statics;

@@ -1,10 +1,11 @@
-//! Modes of drives at rest: swinging by itself the drive has their frequencies and damping; closed forms; plungers; what is printed and recorded.
+//! Modes of drives, at rest and running: swinging by itself the drive has their frequencies and damping; closed forms; plungers; what is printed and recorded.
 
 mod common;
 
 use common::{NO_FRICTION, bundled, without_guides};
 use pitchline::analysis::mode_shapes::LinkPlaces;
-use pitchline::assemble::{at_rest, resting_state};
+use pitchline::analysis::running_modes::{KickPlan, RunningModes, RunningModesError, running_modes};
+use pitchline::assemble::{assemble, at_rest, resting_state};
 use pitchline::drive::{BUNDLED, Drive};
 use pitchline::elements::coordinate::CoordinateMotion;
 use pitchline::integrate::explicit::{self, Scratch};
@@ -209,5 +210,117 @@ fn modes_are_printed_and_recorded() {
         let out = pitchline(args);
         let error = String::from_utf8_lossy(&out.stderr);
         assert!(!out.status.success() && error.contains(says), "{args:?}: {error}");
+    }
+}
+
+/// Kicks as the command line gives them.
+fn kicked(drive: &Drive, listen_s: f64, instants: usize) -> RunningModes {
+    let assembly = assemble(drive).unwrap_or_else(|e| panic!("{e}"));
+    let plan = KickPlan { settle_s: 0.2, listen_s, instants, highest_hz: 300.0, threads: 2 };
+    running_modes(&assembly.model, assembly.state, &plan).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// A drive that stands still without friction: kicked copies swing in the modes of the linearised drive.
+#[test]
+fn kicked_at_rest_a_drive_has_the_modes_of_its_rest() {
+    let mut overrides = NO_FRICTION.to_vec();
+    overrides.extend(["speeds.constant.driver.speed_rpm=0", "chain.joint.damping_n_s_per_m=400"]);
+    let drive = bundled("bush-20-40", &overrides);
+    let (model, rest) = held(&drive);
+    let exact = modes(&model, &rest.configuration, Plungers::Oil).expect("modes");
+    let found = kicked(&drive, 0.3, 4);
+    assert_eq!(found.instants, 1);
+    assert!(found.left < 1e-3 && found.nonlinear < 1e-3 && found.varies == 0.0, "{found:?}");
+    assert!(found.modes.len() >= 6, "{found:?}");
+    for mode in &found.modes {
+        let nearest = exact
+            .iter()
+            .min_by(|a, b| {
+                (a.frequency_hz() - mode.frequency_hz).abs().total_cmp(&(b.frequency_hz() - mode.frequency_hz).abs())
+            })
+            .expect("modes");
+        let off = mode.frequency_hz / nearest.frequency_hz() - 1.0;
+        assert!(off.abs() < 1e-4, "{:.3} Hz against {:.3} Hz", mode.frequency_hz, nearest.frequency_hz());
+        assert!(
+            (mode.damping_ratio - nearest.damping_ratio).abs() < 1e-4,
+            "{:.3} Hz: {} against {}",
+            mode.frequency_hz,
+            mode.damping_ratio,
+            nearest.damping_ratio
+        );
+    }
+    let driven =
+        found.modes.iter().find(|m| m.moves[0].part == "sprockets.driven").expect("the driven sprocket swings");
+    assert!((driven.damping_ratio / 0.00788 - 1.0).abs() < 0.02, "{driven:?}");
+}
+
+/// Across a span that runs the first mode is that of a string that moves: f = (c^2 - v^2) / (2 L c), c^2 = T / m', T with its share by centrifugal forces
+/// (Archibald and Emslie, Journal of Applied Mechanics 25 (1958), 347).
+#[test]
+fn a_running_span_swings_like_a_moving_string() {
+    for (rpm, slower) in [(1500.0, 0.0), (3000.0, 0.1)] {
+        let overrides = [format!("speeds.constant.driver.speed_rpm={rpm}")];
+        let overrides: Vec<&str> = overrides.iter().map(String::as_str).collect();
+        let drive = without_guides(include_str!("../assets/drives/bush-20-40.toml"), &overrides);
+        let found = kicked(&drive, 0.15, 4);
+        let first = &found.modes[0];
+        assert_eq!(first.moves[0].part, "span driver-driven across", "{found:?}");
+        // Mean tension where the slack span is in its middle, over a lap.
+        let mut simulation = pitchline::simulate::Simulation::new(&drive).expect("it assembles");
+        simulation.run(0.2, 0.1, &[]).expect("it runs");
+        let model = simulation.model().clone();
+        let [driver, driven] = [0, 1].map(|k| &model.sprockets[k]);
+        let at = |s: &pitchline::model::SprocketModel| s.frame.origin_at(&[0.0; 8]);
+        let (from, to) = (at(driver), at(driven));
+        let radii = [driver, driven].map(|s| s.geometry.rolling_radius_m());
+        let length_m = ((to - from).norm_squared() - (radii[1] - radii[0]).powi(2)).sqrt();
+        let (mut sum, mut count) = (0.0, 0);
+        for _ in 0..400 {
+            simulation.run(2e-4, 1.0, &[]).expect("it runs");
+            let frame = simulation.frame().expect("a frame");
+            for (i, (x, y)) in frame.links.x_m.iter().zip(&frame.links.y_m).enumerate() {
+                let share = (x - from.x) / (to.x - from.x);
+                // The slack span lies on the side to which the driver gives its links.
+                let gives = if driver.nominal_speed_rad_s > 0.0 { 1.0 } else { -1.0 };
+                let is_slack = (y - from.y) * gives < 0.0;
+                if (0.35..0.65).contains(&share) && is_slack {
+                    sum += frame.joints.force_x_n[i].hypot(frame.joints.force_y_n[i]);
+                    count += 1;
+                }
+            }
+        }
+        let tension_n = sum / f64::from(count);
+        let v = model.chain_speeds_m_s[0];
+        let lanes: Vec<usize> = model.chain.links().collect();
+        let mass: f64 = lanes.iter().map(|i| model.chain.mass[*i] / (2.0 * model.chain.lever[*i])).sum();
+        let c = (tension_n / (mass / lanes.len() as f64)).sqrt();
+        let exact = (c * c - v * v) / (2.0 * length_m * c);
+        println!(
+            "{rpm} 1/min: {tension_n:.1} N, {length_m:.4} m, c {c:.2} m/s, {exact:.2} Hz, found {:.2} Hz",
+            first.frequency_hz
+        );
+        assert!((first.frequency_hz / exact - 1.0).abs() < 0.02, "{} against {exact}", first.frequency_hz);
+        // Without the terms of the moving string it would be another number.
+        let still = c / (2.0 * length_m);
+        assert!(first.frequency_hz < (1.0 - slower) * still, "{} {still}", first.frequency_hz);
+        assert!(found.nonlinear < 0.1 && found.left < 0.02, "{found:?}");
+    }
+}
+
+/// What cannot be: short responses are told how long they must be; options of the one kind do not go with the other.
+#[test]
+fn kicks_that_tell_nothing_are_refused() {
+    let drive = bundled("bush-20-40", &[]);
+    let assembly = assemble(&drive).expect("it assembles");
+    let plan = KickPlan { settle_s: 0.0, listen_s: 1e-3, instants: 2, highest_hz: 300.0, threads: 1 };
+    let error = running_modes(&assembly.model, assembly.state, &plan).expect_err("one millisecond");
+    assert!(matches!(error, RunningModesError::Short(need_s) if need_s > 0.03), "{error}");
+    for args in [
+        &["modes", "bush-20-40", "--running", "--plungers", "open"][..],
+        &["modes", "bush-20-40", "--running", "--mode", "1", "-o", "a.mcap"],
+        &["modes", "bush-20-40", "--running", "--kicks", "0"],
+    ] {
+        let out = std::process::Command::new(env!("CARGO_BIN_EXE_pitchline")).args(args).output().expect("it starts");
+        assert_eq!(out.status.code(), Some(2), "{args:?}");
     }
 }

@@ -156,6 +156,7 @@ fn modules_use_only_what_stands_above_them() {
         "recording::columns",
         "recording::frame",
         "lanes",
+        "side_by_side",
         "pairs::contact_group",
         "state",
         "effects",

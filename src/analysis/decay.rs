@@ -121,17 +121,17 @@ pub fn decay(times_s: &[f64], values: &[f64], highest_hz: Option<f64>) -> Result
 /// sinc of a cutoff at 0.8 of half a sample's rate under a Hann window falls by 44 dB from 0.6 to 1.0 of it.
 const FILTER: usize = 16;
 const CUTOFF: f64 = 0.4;
-const PASSED: f64 = 0.3;
+pub(super) const PASSED: f64 = 0.3;
 
 /// A low-pass filter of finite length; every m-th value of its output is taken, m = `every`.
-struct LowPass {
+pub(super) struct LowPass {
     taps: Vec<f64>,
-    every: usize,
+    pub every: usize,
     interval_s: f64,
 }
 
 impl LowPass {
-    fn new(every: usize, interval_s: f64) -> LowPass {
+    pub fn new(every: usize, interval_s: f64) -> LowPass {
         if every == 1 {
             return LowPass { taps: vec![1.0], every, interval_s };
         }
@@ -147,7 +147,12 @@ impl LowPass {
         LowPass { taps: taps.into_iter().map(|t| t / sum).collect(), every, interval_s }
     }
 
-    fn thinned(&self, values: &[f64]) -> Vec<f64> {
+    /// Number of values that make one behind it.
+    pub fn len(&self) -> usize {
+        self.taps.len()
+    }
+
+    pub fn thinned(&self, values: &[f64]) -> Vec<f64> {
         let sum = |part: &[f64]| part.iter().zip(&self.taps).map(|(v, tap)| v * tap).sum();
         values.windows(self.taps.len()).step_by(self.every).map(sum).collect()
     }

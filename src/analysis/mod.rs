@@ -13,5 +13,7 @@ pub mod mode_shapes;
 pub mod mounts;
 pub mod order_spectrum;
 pub mod order_tracks;
+pub mod realisation;
+pub mod running_modes;
 pub mod signal;
 pub mod suspects;

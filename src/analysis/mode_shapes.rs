@@ -63,6 +63,30 @@ impl LinkPlaces {
         LinkPlaces { names }
     }
 
+    /// Links of every span between two sprockets, by lane in the order of the chain, with its name `FROM-TO`. A span has at least two.
+    pub fn spans(&self, model: &Model) -> Vec<(String, Vec<usize>)> {
+        let mut spans: Vec<(String, Vec<usize>)> = Vec::new();
+        for l in model.chain.loops.iter().filter(|l| !l.is_empty()) {
+            let is_in_span =
+                |lane: usize| self.names[lane].as_ref().filter(|(_, is_wrap)| !is_wrap).map(|(name, _)| name);
+            // From a link that no span holds: none is cut where the columns begin.
+            let Some(first) = l.clone().find(|lane| is_in_span(*lane).is_none()) else { continue };
+            let mut is_open = false;
+            for lane in (first..l.end).chain(l.start..first) {
+                match is_in_span(lane) {
+                    Some(name) => match spans.last_mut().filter(|_| is_open) {
+                        Some((_, lanes)) => lanes.push(lane),
+                        None => spans.push((name.clone(), vec![lane])),
+                    },
+                    None => {}
+                }
+                is_open = is_in_span(lane).is_some();
+            }
+        }
+        spans.retain(|(_, lanes)| lanes.len() > 1);
+        spans
+    }
+
     /// Shares of the kinetic energy, the largest first: of what turns or slides by its coordinate; of links on a sprocket together; of links in a span along
     /// it and across it. Rollers count with their links.
     pub fn parts(&self, model: &Model, at: &Configuration, mode: &Mode) -> Vec<MovingPart> {

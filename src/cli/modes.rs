@@ -1,8 +1,11 @@
-//! `pitchline modes`: frequencies, damping and shapes of a drive at rest under its load.
+//! `pitchline modes`: frequencies, damping and shapes of a drive at rest under its load, or of one that runs.
 
+use super::run::duration;
 use super::{Failure, Outcome, load_drive, print_json, print_out};
 use crate::analysis::mode_shapes::{LinkPlaces, MovingPart, motion, pitch_m, wave_speed_m_s};
-use crate::assemble::at_rest;
+use crate::analysis::running_modes::{KickPlan, RunningMode, RunningModes, running_modes};
+use crate::assemble::{assemble, at_rest};
+use crate::drive::Drive;
 use crate::model::Model;
 use crate::recording::capture;
 use crate::recording::{ViewOptions, create};
@@ -17,9 +20,21 @@ pub struct ModesArgs {
     /// Replace a value of the drive
     #[arg(long = "set", value_name = "PATH=VALUE")]
     set: Vec<String>,
-    /// Leave out modes above this frequency [Hz]
-    #[arg(long, value_name = "HZ", default_value = "2000", value_parser = super::finite)]
-    below: f64,
+    /// Leave out modes above this frequency [Hz] [default: 2000; with --running 400]
+    #[arg(long, value_name = "HZ", value_parser = super::finite)]
+    below: Option<f64>,
+    /// About the motion of the running drive in place of its rest: kick copies of the run, fit how the differences die away
+    #[arg(long, conflicts_with_all = ["plungers", "mode"])]
+    running: bool,
+    /// With --running: time before the first kick
+    #[arg(long, value_name = "T", default_value = "200ms", requires = "running", value_parser = duration)]
+    settle: f64,
+    /// With --running: how long a copy is followed after its kick [default: 30 periods of --below, at least 100 ms]
+    #[arg(long, value_name = "T", requires = "running", value_parser = duration)]
+    listen: Option<f64>,
+    /// With --running: instants of the driver's turns at which copies are kicked
+    #[arg(long, value_name = "N", default_value = "4", requires = "running", value_parser = clap::value_parser!(u64).range(1..=64))]
+    kicks: u64,
     /// What plungers of tensioners do: stand on their oil, stand still, or have their springs alone
     #[arg(long, value_name = "HOW", default_value = "oil", value_parser = ["oil", "locked", "open"])]
     plungers: String,
@@ -48,10 +63,34 @@ const AMPLITUDE: f64 = 0.25;
 /// assumed: pitch of a drive without links [m]
 const PITCH_WITHOUT_LINKS_M: f64 = 8e-3;
 
+/// Highest frequency unless told otherwise [Hz], at rest and running.
+const BELOW_HZ: f64 = 2000.0;
+const BELOW_RUNNING_HZ: f64 = 400.0;
+/// How long copies are followed unless told otherwise: periods of the highest frequency, and at least [s].
+const LISTEN_PERIODS: f64 = 30.0;
+const LISTEN_S: f64 = 0.1;
+/// Shares from which on a reader is told what they mean for the table. assumed.
+const MUCH_LEFT: f64 = 0.05;
+const VARIES: f64 = 0.2;
+const NONLINEAR: f64 = 0.02;
+
+impl ModesArgs {
+    fn below_hz(&self) -> f64 {
+        self.below.unwrap_or(if self.running { BELOW_RUNNING_HZ } else { BELOW_HZ })
+    }
+
+    fn listen_s(&self) -> f64 {
+        self.listen.unwrap_or((LISTEN_PERIODS / self.below_hz()).max(LISTEN_S))
+    }
+}
+
 pub fn run(args: &ModesArgs) -> Result<Outcome, Failure> {
     let drive = load_drive(&args.drive, &args.set)?;
-    if args.below <= 0.0 {
-        return Err(Failure::Input(format!("--below {}: there are no modes below it", args.below)));
+    if args.below_hz() <= 0.0 {
+        return Err(Failure::Input(format!("--below {}: there are no modes below it", args.below_hz())));
+    }
+    if args.running {
+        return of_running(args, &drive);
     }
     if let Some(output) = &args.output {
         super::run::check_recordings(std::slice::from_ref(output), &[])?;
@@ -68,7 +107,7 @@ pub fn run(args: &ModesArgs) -> Result<Outcome, Failure> {
     let shown: Vec<(usize, &Mode, Vec<MovingPart>)> = all
         .iter()
         .enumerate()
-        .filter(|(_, mode)| mode.frequency_hz() <= args.below)
+        .filter(|(_, mode)| mode.frequency_hz() <= args.below_hz())
         .map(|(number, mode)| (number, mode, places.parts(&model, at, mode)))
         .collect();
     let mean_n = if rest.tensions_n.is_empty() {
@@ -110,6 +149,82 @@ pub fn run(args: &ModesArgs) -> Result<Outcome, Failure> {
     print_out(&text(args, &drive.name, &model, (all.len(), &shown), mean_n))
 }
 
+/// Modes of the running drive.
+fn of_running(args: &ModesArgs, drive: &Drive) -> Result<Outcome, Failure> {
+    let assembly = assemble(drive).map_err(super::assembly_failure)?;
+    let plan = KickPlan {
+        settle_s: args.settle,
+        listen_s: args.listen_s(),
+        instants: args.kicks as usize,
+        highest_hz: args.below_hz(),
+        threads: std::thread::available_parallelism().map_or(1, usize::from),
+    };
+    let speed_m_s = assembly.model.chain_speeds_m_s.first().copied().unwrap_or(0.0).abs();
+    let found = running_modes(&assembly.model, assembly.state, &plan)
+        .map_err(|e| Failure::Input(format!("{}: {e}", drive.name)))?;
+    if args.json {
+        return print_json(&serde_json::json!({
+            "drive": drive.name, "running": true, "chain_speed_m_s": speed_m_s, "below_hz": args.below_hz(), "settle_s": args.settle, "listen_s": args.listen_s(),
+            "modes": found.modes, "orders": found.orders, "left": found.left, "varies": found.varies, "nonlinear": found.nonlinear,
+            "kicked": found.kicked, "instants": found.instants, "kick_j": found.kick_j, "steps": found.steps,
+        }));
+    }
+    print_out(&text_of_running(args, &drive.name, speed_m_s, &found))
+}
+
+fn text_of_running(args: &ModesArgs, name: &str, speed_m_s: f64, found: &RunningModes) -> String {
+    let mut text = format!(
+        "{name} running at {speed_m_s:.2} m/s, {:.0} ms after assembly: {} kicked in turn at {} of the driver's turns, followed for {:.0} ms\n",
+        1e3 * args.settle,
+        match found.kicked.len() {
+            1 => found.kicked[0].clone(),
+            n => format!("{n} parts"),
+        },
+        match found.instants {
+            1 => "1 instant".to_string(),
+            n => format!("{n} instants"),
+        },
+        1e3 * args.listen_s()
+    );
+    text += "           Hz     +-   damping %     +-  orders  share %   what moves, by kinetic energy\n";
+    let error = |value: Option<f64>| value.map_or("-".to_string(), |v| format!("{v:.2}"));
+    for mode in &found.modes {
+        let RunningMode { frequency_hz, damping_ratio, frequency_error_hz, damping_ratio_error, .. } = mode;
+        let named = mode.moves.iter().take(NAMED_PARTS).filter(|p| p.share >= NAMED_SHARE);
+        let named: Vec<String> = named.map(|p| format!("{} {:.0} %", p.part, 100.0 * p.share)).collect();
+        let _infallible = writeln!(
+            text,
+            "{frequency_hz:>13.2} {:>6} {:>11.2} {:>6} {:>7} {:>8.1}   {}",
+            error(*frequency_error_hz),
+            100.0 * damping_ratio,
+            error(damping_ratio_error.map(|zeta| 100.0 * zeta)),
+            format!("{}/{}", mode.orders, found.orders),
+            100.0 * mode.share,
+            named.join(", ")
+        );
+    }
+    if found.modes.is_empty() {
+        text += "no swing stands in several orders of the fit\n";
+    }
+    let _infallible = writeln!(
+        text,
+        "{:.1} % of the responses' square is left; responses of one instant differ from the mean by {:.0} %; ten times the kick changes a response by {:.1} %",
+        100.0 * found.left,
+        100.0 * found.varies,
+        100.0 * found.nonlinear
+    );
+    if found.left > MUCH_LEFT {
+        text += "much is left: a longer --listen, more --kicks or a lower --below may tell modes apart\n";
+    }
+    if found.varies > VARIES {
+        text += "the drive's stiffness changes over its cycle (strands slacken, contacts open): frequencies are those of the mean\n";
+    }
+    if found.nonlinear > NONLINEAR {
+        text += "responses do not grow with the kick: the motion is not smooth about the instant, or not stable\n";
+    }
+    text
+}
+
 type ShownModes<'a> = Vec<(usize, &'a Mode, Vec<MovingPart>)>;
 
 fn json(args: &ModesArgs, name: &str, (all, shown): (usize, &ShownModes<'_>), mean_n: f64) -> serde_json::Value {
@@ -125,7 +240,7 @@ fn json(args: &ModesArgs, name: &str, (all, shown): (usize, &ShownModes<'_>), me
         })
         .collect();
     serde_json::json!({
-        "drive": name, "plungers": args.plungers, "mean_tension_n": mean_n, "modes_in_all": all, "below_hz": args.below, "modes": modes,
+        "drive": name, "plungers": args.plungers, "mean_tension_n": mean_n, "modes_in_all": all, "below_hz": args.below_hz(), "modes": modes,
     })
 }
 
@@ -152,7 +267,7 @@ fn text(args: &ModesArgs, name: &str, model: &Model, (all, shown): (usize, &Show
             writeln!(text, "{number:>5} {:>10.2} {damping:>10}   {}", mode.frequency_hz(), named.join(", "));
     }
     let above = all - shown.len();
-    let _infallible = writeln!(text, "{above} modes above {} Hz", args.below);
+    let _infallible = writeln!(text, "{above} modes above {} Hz", args.below_hz());
     if shown.iter().any(|(_, mode, _)| mode.eigenvalue < 0.0) {
         text += "negative: what moves so does not come back; without friction this rest is none\n";
     }

@@ -8,7 +8,6 @@
 
 use super::candidates::Hypothesis;
 use super::crossed::{HeldOutComparison, compare_held_out};
-use super::fit::parallel;
 use super::judge::{Residuals, deviance, effective as effective_samples, mean_error};
 use super::model::{
     FIT_ITERATIONS, FittedModel, fitted_values, globals_of, promised_score, refitted, score, standard_error,
@@ -25,6 +24,7 @@ use super::structure::{Detectable, IndistinguishablePair};
 use super::unnamed;
 use crate::drive::sensors::is_signal;
 use crate::measurement::segments::Data;
+use crate::side_by_side::parallel;
 use std::borrow::Cow;
 
 /// Result of the acceptance.

@@ -3,13 +3,14 @@
 //! and no proof: every line is the share of a channel's squared error that one simple form removes, fitted to the same
 //! data on which it is measured.
 
-use super::fit::{Fit, parallel};
+use super::fit::Fit;
 use super::model::FittedModel;
 use super::problem::Problem;
 use super::stats;
 use super::unnamed;
 use crate::machine::Reads;
 use crate::machine::simulate::Samples;
+use crate::side_by_side::parallel;
 use serde::Serialize;
 use std::f64::consts::TAU;
 

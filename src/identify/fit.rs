@@ -9,9 +9,9 @@
 //! that any number of threads gives the same bits.
 
 use super::problem::{Local, Point, Problem};
+use crate::side_by_side::parallel;
 use crate::units::within;
 use nalgebra::{DMatrix, DVector};
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Result of a fit.
 #[derive(Clone, Debug)]
@@ -44,34 +44,6 @@ struct SegmentJacobian {
     residuals: Vec<f64>,
     /// Columns: the globals that affect the segment, then its locals.
     columns: Vec<Vec<f64>>,
-}
-
-/// Runs `job` for 0 .. n on up to `threads` threads and returns the results in order.
-pub fn parallel<T: Send>(n: usize, threads: usize, job: impl Fn(usize) -> T + Sync) -> Vec<T> {
-    if threads <= 1 || n < 2 {
-        return (0..n).map(job).collect();
-    }
-    let next = AtomicUsize::new(0);
-    let mut done: Vec<(usize, T)> = std::thread::scope(|scope| {
-        let workers: Vec<_> = (0..threads.min(n))
-            .map(|_| {
-                scope.spawn(|| {
-                    let mut mine = Vec::new();
-                    loop {
-                        let i = next.fetch_add(1, Ordering::Relaxed);
-                        if i >= n {
-                            return mine;
-                        }
-                        mine.push((i, job(i)));
-                    }
-                })
-            })
-            .collect();
-        let joined = workers.into_iter().map(|w| w.join());
-        joined.flat_map(|r| r.unwrap_or_else(|panic| std::panic::resume_unwind(panic))).collect()
-    });
-    done.sort_by_key(|(i, _)| *i);
-    done.into_iter().map(|(_, t)| t).collect()
 }
 
 /// Damping of the first step, as a share of the diagonal: little more than none.

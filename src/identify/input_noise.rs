@@ -12,7 +12,7 @@
 //! a smooth course, but no more than the force that nobody measured. Such a force leaves the same trace and moves no number, and no record
 //! tells the two apart: so numbers are left where they are, and their standard errors are widened by how far they may have moved.
 
-use super::fit::{parallel, project_out};
+use super::fit::project_out;
 use super::model::{FittedModel, standard_error};
 use super::predict::unmeasured;
 use super::problem::{DIVERGED_RESIDUAL, Problem};
@@ -23,6 +23,7 @@ use crate::machine::simulate::Samples;
 use crate::measurement::facts;
 use crate::measurement::segments::Data;
 use crate::random::{SplitMix, normal_quantile};
+use crate::side_by_side::parallel;
 use nalgebra::DVector;
 
 /// Noise is added of so much of the root mean square of the force.

@@ -2,7 +2,7 @@
 //! models.
 
 use super::candidates::{self, Hypothesis};
-use super::fit::{Fit, FitOptions, fit, parallel, priors};
+use super::fit::{Fit, FitOptions, fit, priors};
 use super::judge::{self, Residuals};
 use super::problem::{Law, Point, Problem};
 use super::screen::FitStart;
@@ -10,6 +10,7 @@ use super::stats;
 use crate::effects::{Effect, Kind, Look, Parameter};
 use crate::measurement::facts;
 use crate::measurement::segments::Data;
+use crate::side_by_side::parallel;
 use std::borrow::Cow;
 use std::sync::OnceLock;
 

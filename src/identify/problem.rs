@@ -12,6 +12,7 @@ use crate::machine::simulate::{InitialState, RunError, Samples};
 use crate::machine::{BodyMotion, Machine, Reads, Sensor, Slot, Target};
 use crate::measurement::clocks::at_own_times;
 use crate::measurement::segments::{Data, MeasuredChannel, RecordSegment};
+use crate::side_by_side::parallel;
 use crate::units::within;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
@@ -390,7 +391,7 @@ impl<'a> Problem<'a> {
         let Some(period) = self.machine.period_pitches() else { return };
         let alike = f64::from(period.alike);
         let folded = Problem { folded: true, ..self.clone() };
-        point.locals = super::fit::parallel(self.data.segments.len(), threads, |k| {
+        point.locals = parallel(self.data.segments.len(), threads, |k| {
             let best =
                 |of: &Problem, from: &[f64], step: f64, places| of.best_place(k, &point.globals, from, step, places).1;
             let within = best(&folded, &point.locals[k], FINE_PITCHES, 0..=(alike / FINE_PITCHES) as i32 - 1);
@@ -431,7 +432,7 @@ impl<'a> Problem<'a> {
     pub fn realign(&self, point: &mut Point, threads: usize) -> bool {
         let Some(period) = self.machine.period_pitches() else { return false };
         let (alike, places) = (f64::from(period.alike), period.places() as i32);
-        let found = super::fit::parallel(self.data.segments.len(), threads, |k| {
+        let found = parallel(self.data.segments.len(), threads, |k| {
             let (before, mut at) = self.best_place(k, &point.globals, &point.locals[k], 0.0, 0..=0);
             let mut cost = before;
             for (step, places) in [(alike, 0..=places - 1), (FINE_PITCHES, -30..=30), (FINEST_PITCHES, -10..=10)] {
@@ -465,7 +466,7 @@ impl<'a> Problem<'a> {
     pub fn reverse_better_starts(&self, point: &mut Point, threads: usize) {
         let cost =
             |k: usize, locals: &[f64]| -> f64 { self.residuals(k, &point.globals, locals).iter().map(|r| r * r).sum() };
-        let turned = super::fit::parallel(self.data.segments.len(), threads, |k| {
+        let turned = parallel(self.data.segments.len(), threads, |k| {
             let own = &point.locals[k];
             if self.data.segments[k].judge_from == 0 {
                 return None;

@@ -2,13 +2,14 @@
 //! valley far above the others would take as many iterations as all of them.
 
 use super::candidates::Hypothesis;
-use super::fit::{FitOptions, Fitting, parallel};
+use super::fit::{FitOptions, Fitting};
 use super::judge::{self, mean_error};
 use super::model::{FIT_ITERATIONS, FitBegin, FittedModel, completed, fit_model, score, score_of};
 use super::plausible::is_inside_the_records;
 use super::problem::Problem;
 use super::search::{Context, MAX_SCORE_GAP};
 use crate::measurement::segments::Data;
+use crate::side_by_side::parallel;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Iterations after which the fits are compared. Not varied.

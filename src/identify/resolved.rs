@@ -5,11 +5,11 @@
 //! derivatives: a fit at the finer step would move the numbers by C J'd, C their covariance. Where that is too much of a standard error for any of them, the set is
 //! fitted again at the finer step, and looked at again. Names stand: they were found at the coarser one.
 
-use super::fit::parallel;
 use super::model::{FIT_ITERATIONS, FittedModel, fit_model, standard_error, standard_errors_off};
 use super::problem::Problem;
 use super::search::Context;
 use crate::measurement::segments::Data;
+use crate::side_by_side::parallel;
 use nalgebra::DVector;
 
 /// How many times as many steps are tried, and the most that are taken: errors fall with the fourth power of the step where motions are smooth, and

@@ -6,7 +6,6 @@
 
 use super::accept::CLEAR_SCORE_GAP;
 use super::candidates::Hypothesis;
-use super::fit::parallel;
 use super::model::{FIT_ITERATIONS, FittedModel, begin_again, refitted, score, without_effect};
 use super::plausible::outside_the_records;
 use super::race::fit_against;
@@ -16,6 +15,7 @@ use super::stats;
 use super::structure::IndistinguishablePair;
 use crate::effects::Kind;
 use crate::measurement::segments::Data;
+use crate::side_by_side::parallel;
 
 /// Another effect that fits as well in the place of an accepted one.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]

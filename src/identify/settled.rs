@@ -2,7 +2,6 @@
 
 use super::accept::{CLEAR_SCORE_GAP, MAX_REMAINING_SHARE, SURE, size_in_standard_errors};
 use super::candidates::{self, Hypothesis, Sizes};
-use super::fit::parallel;
 use super::judge;
 use super::model::{FittedModel, fitted_values, score, without_effect};
 use super::plausible::is_inside_the_records;
@@ -11,6 +10,7 @@ use super::search::{Context, best_effective};
 use crate::machine::Target;
 use crate::measurement::Measurement;
 use crate::measurement::segments::Data;
+use crate::side_by_side::parallel;
 
 /// A set from inverse dynamics has settled what is missing where it leaves at most this share of the declared model's error and no larger
 /// one leaves less than half of that. Measured: friction and a constant in records of a closed loop leave 0.4 %, viscous friction seen by

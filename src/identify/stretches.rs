@@ -1,7 +1,7 @@
 //! Effects found in short stretches of the records: over a short time a wrong model cannot drift far, so that its error has fewer minima.
 
 use super::candidates;
-use super::fit::{Fit, FitOptions, fit, parallel};
+use super::fit::{Fit, FitOptions, fit};
 use super::model::{FittedModel, fit_model};
 use super::problem::Problem;
 use super::screen::LinearisedBase;
@@ -9,6 +9,7 @@ use super::search::{Context, ScreenedHypotheses, screened};
 use super::windows;
 use crate::measurement::Measurement;
 use crate::measurement::segments::Data;
+use crate::side_by_side::parallel;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Number of shortest stretches that are joined, per level; the last level is whole records.

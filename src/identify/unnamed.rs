@@ -3,7 +3,7 @@
 
 use super::candidates::Hypothesis;
 use super::diagnosis::StateLine;
-use super::fit::{Fit, parallel};
+use super::fit::Fit;
 use super::judge::mean_error;
 use super::model::{FIT_ITERATIONS, FittedModel, placed_path, refit_with, refitted};
 use super::screen::{FitStart, LinearisedBase, screen};
@@ -14,6 +14,7 @@ use crate::effects::{
 };
 use crate::machine::{Body, Machine, Target};
 use crate::measurement::segments::Data;
+use crate::side_by_side::parallel;
 use serde::Serialize;
 
 /// A force law without a name.

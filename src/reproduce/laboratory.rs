@@ -8,7 +8,8 @@ use super::facts::SignalFacts;
 use super::probes::Probe;
 use crate::analysis::mode_shapes::{LinkPlaces, MovingPart};
 use crate::analysis::order_spectrum::AngleRecord;
-use crate::assemble::{SharedParts, at_rest};
+use crate::analysis::running_modes::{KickPlan, running_modes};
+use crate::assemble::{Assembly, SharedParts, assemble, at_rest};
 use crate::diag::Report;
 use crate::drive::{BUNDLED, Drive};
 use crate::recording::frame::{Frame, Header};
@@ -43,6 +44,8 @@ pub enum TrialWork {
     },
     /// Modes below this frequency [Hz].
     Modes { plungers: &'static str, below_hz: f64 },
+    /// Modes of the running drive below this frequency [Hz], kicked at so many instants from `settle_s` on [s].
+    Running { settle_s: f64, instants: usize, below_hz: f64 },
     /// The drive at rest under its load.
     Rest,
 }
@@ -59,6 +62,8 @@ pub struct ClaimTrial {
 
 /// What is looked at less than this is not resolved by frames [s].
 const EVERY_S: f64 = 50e-6;
+/// How long a kicked copy of a running drive is followed: the default of `modes --running` [s].
+const LISTEN_S: f64 = 0.1;
 
 impl ClaimTrial {
     /// A run whose frames count after `settle_s`.
@@ -83,6 +88,11 @@ impl ClaimTrial {
             Plungers::Open => "open",
         };
         ClaimTrial { drive: drive.into(), set: Vec::new(), work: TrialWork::Modes { plungers, below_hz } }
+    }
+
+    /// Modes of the running drive.
+    pub fn running(drive: &str, settle_s: f64, instants: usize, below_hz: f64) -> ClaimTrial {
+        ClaimTrial { drive: drive.into(), set: Vec::new(), work: TrialWork::Running { settle_s, instants, below_hz } }
     }
 
     pub fn rest(drive: &str) -> ClaimTrial {
@@ -154,6 +164,8 @@ impl ClaimTrial {
         match &self.work {
             TrialWork::Run { duration_s, .. } => links * (20.0 + 1e3 * duration_s) as u64,
             TrialWork::Modes { .. } | TrialWork::Rest => 50 * links,
+            // Some ten copies for every instant.
+            TrialWork::Running { instants, .. } => links * (10.0 * 1e3 * LISTEN_S) as u64 * *instants as u64,
         }
     }
 
@@ -167,6 +179,11 @@ impl ClaimTrial {
             TrialWork::Modes { plungers, below_hz } => {
                 format!("modes {}{set} --plungers {plungers} --below {below_hz}", self.drive)
             }
+            TrialWork::Running { settle_s, instants, below_hz } => format!(
+                "modes {}{set} --running --settle {:.1}ms --kicks {instants} --below {below_hz}",
+                self.drive,
+                1e3 * settle_s
+            ),
             TrialWork::Rest => format!("modes {}{set}", self.drive),
         }
     }
@@ -439,6 +456,23 @@ fn attempt(trial: &ClaimTrial, shared: &SharedParts, stop: &AtomicBool) -> Resul
                     .into_iter()
                     .map(|MovingPart { part, share }| (part, share))
                     .collect(),
+            });
+            Ok(TrialFacts { modes: facts.collect(), ..TrialFacts::default() })
+        }
+        TrialWork::Running { settle_s, instants, below_hz } => {
+            let Assembly { model, state, .. } = assemble(&drive)?;
+            let plan = KickPlan {
+                settle_s: *settle_s,
+                listen_s: LISTEN_S,
+                instants: *instants,
+                highest_hz: *below_hz,
+                threads: 1,
+            };
+            let found = running_modes(&model, state, &plan).map_err(|e| CaseError(e.to_string()))?;
+            let facts = found.modes.into_iter().map(|m| ModeFacts {
+                hz: m.frequency_hz,
+                damping_ratio: Some(m.damping_ratio),
+                parts: m.moves.into_iter().map(|MovingPart { part, share }| (part, share)).collect(),
             });
             Ok(TrialFacts { modes: facts.collect(), ..TrialFacts::default() })
         }

@@ -1,7 +1,6 @@
 //! Compares the results of `identify` for blind cases with the truth.
 
 use super::blind::{Case, Class, case};
-use pitchline::identify::fit::parallel;
 use pitchline::identify::identify;
 use pitchline::identify::report::{ChannelError, IdentificationReport, IdentificationVerdict};
 use pitchline::identify::search::{Budget, Context};
@@ -9,6 +8,7 @@ use pitchline::machine::Machine;
 use pitchline::measurement::Measurement;
 use pitchline::measurement::columns::Memory;
 use pitchline::measurement::segments::load;
+use pitchline::side_by_side::parallel;
 use std::sync::atomic::{AtomicBool, AtomicU64};
 
 /// Result of a case.
