@@ -67,8 +67,9 @@ pub struct SpecificVolume {
 const MAX_ITERATIONS: usize = 200;
 /// Largest fall of the absolute pressure in one of them, as a share of it.
 const LARGEST_FALL: f64 = 0.9;
-/// Change of the pressure at which it ends, as a share of the absolute pressure: some units in the last place.
-const PRESSURE_TOLERANCE: f64 = 1e-15;
+/// Change of the pressure at which it ends: what so many units in the last place of the volume stand for, or of the pressure if that is more. A smaller
+/// change is rounding, and the iteration would wander in it.
+const ROUNDING: f64 = 2.0 * f64::EPSILON;
 
 impl Oil {
     /// At a gauge pressure above minus one atmosphere [Pa].
@@ -105,7 +106,8 @@ impl Oil {
             let next = if self.air_share > 0.0 && next < lowest { lowest } else { next };
             let change = (next - p).abs();
             p = next;
-            if change <= PRESSURE_TOLERANCE * (p.abs() + AMBIENT_PA) {
+            let of_volume = volume / here.slope_per_pa.abs();
+            if change <= ROUNDING * (p.abs() + AMBIENT_PA).max(of_volume) {
                 break;
             }
         }

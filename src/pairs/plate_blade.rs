@@ -77,6 +77,22 @@ struct BentPoint {
     normal: Vec2,
 }
 
+impl BentPoint {
+    /// Goes on by a little way along the drawn contour of this curvature, by the Taylor series: what is left out of the point itself is the third power
+    /// of the way.
+    #[inline(always)]
+    fn go(&mut self, way: f64, curvature: f64) {
+        self.at += self.first * way + self.second * (0.5 * way * way);
+        self.first += self.second * way;
+        self.normal += perp(self.normal) * (curvature * way);
+        let BladePoint { value, slope, bend, .. } = &mut self.point;
+        for i in 0..4 {
+            value[i] += way * (slope[i] + 0.5 * way * bend[i]);
+            slope[i] += way * bend[i];
+        }
+    }
+}
+
 impl Blade {
     /// Modes of a beam along the contour of a rail. None where the beam has none: without stiffness or mass.
     pub fn new(body: &RailBody, beam: &Beam) -> Option<Blade> {
@@ -153,6 +169,7 @@ impl Blade {
     }
 
     /// Deflection of all nodes by the coordinates of the modes, or its rate by their speeds.
+    #[inline(always)]
     pub fn deflection(&self, q: impl Iterator<Item = f64>, out: &mut Deflection) {
         let zero = |column: &mut Vec<f64>| {
             column.clear();
@@ -258,10 +275,12 @@ impl Blade {
             let by = step(&p);
             let by = if by > LONGEST_WAY_M { LONGEST_WAY_M } else { by };
             let next = inside(s + if by < 0.0 - LONGEST_WAY_M { 0.0 - LONGEST_WAY_M } else { by });
-            if (next - s).abs() < SAME_PLACE_M {
+            let way = next - s;
+            s = next;
+            if way.abs() < NEAR_PLACE_M {
+                p.go(way, self.bends[self.bend_at(s)].1);
                 break;
             }
-            s = next;
             p = self.bent_at(body, bent, s);
         }
         (s, p)
@@ -346,12 +365,13 @@ impl Blade {
     }
 
     /// As [`Blade::bent_touch`], for a block of lanes that have been moved to their contacts on the drawn contour: puts in what bending changes, the
-    /// blade's own motion and what it gives way.
+    /// blade's own motion and what it gives way. `far_m`: how far a lane is from the drawn contour that touches nothing within the step.
     #[inline(always)]
     pub fn bend_lanes(
         &self,
         body: &RailBody,
         (part, levers): (PlatePart, &LaneBlock),
+        far_m: f64,
         motion: &FrameMotion,
         bent: &BladeMotion,
         (found, lanes): (&mut RailContactLanes, &mut Lanes),
@@ -361,7 +381,8 @@ impl Blade {
         let into = |x: f64, y: f64| Vec2::new(c * x + s * y, c * y - s * x);
         let back = |v: Vec2| Vec2::new(c * v.x - s * v.y, s * v.x + c * v.y);
         for i in 0..LANES {
-            if !found.here[i] {
+            // Bending moves no point further than that: the lane stays as far from touching as it is from the drawn contour.
+            if !found.here[i] || lanes.penetration[i] < -far_m {
                 continue;
             }
             let (e, at) = (into(lanes.cos[i], lanes.sin[i]), lanes.lever[i]);
@@ -474,10 +495,11 @@ fn weighted(weights: &[f64; 4], value: &[f64], slope: &[f64], element: usize) ->
         + weights[3] * slope[element + 1]
 }
 
-/// Steps towards a place of the bent contour, the longest of them, and how near two of them end [m]. Three are enough on one arc, five over its end.
+/// Steps towards a place of the bent contour, the longest of them, and from which length on the series takes the last one [m]. Two are enough on one
+/// arc, four over its end.
 const NEWTON_STEPS: usize = 12;
 const LONGEST_WAY_M: f64 = 5e-3;
-const SAME_PLACE_M: f64 = 1e-12;
+const NEAR_PLACE_M: f64 = 1e-6;
 /// Curvature below which a contour counts as straight [1/m].
 const STRAIGHT_PER_M: f64 = 1e-6;
 

@@ -25,7 +25,7 @@ use crate::elements::body_frame::FrameMotion;
 use crate::elements::contact_law::ContactLaw;
 use crate::geometry::rail::{Piece, Rail};
 use crate::geometry::{Vec2, cross, perp};
-use crate::lanes::{LANES, LaneBlock};
+use crate::lanes::{LANES, LaneBlock, LaneMask, mask};
 
 /// A rail as the contact sees it.
 #[derive(Clone, Debug, PartialEq)]
@@ -38,6 +38,8 @@ pub struct RailBody {
     pub law: ContactLaw,
     pub friction: f64,
     pub stick_speed_m_s: f64,
+    /// Whether there are pieces that a part of a plate can touch, in the order of [`PlatePart::ALL`].
+    pub touches: [bool; 3],
 }
 
 /// Which of a plate's three contacts.
@@ -58,6 +60,16 @@ impl PlatePart {
             PlatePart::Front => 1.0,
             PlatePart::Rear => -1.0,
             PlatePart::Edge => 0.0,
+        }
+    }
+
+    /// Whether a piece is one of its kind.
+    #[inline(always)]
+    fn touches(self, piece: &Piece) -> bool {
+        match *piece {
+            Piece::Line { .. } => self != PlatePart::Edge,
+            Piece::EdgeSupport { .. } => self == PlatePart::Edge,
+            Piece::Arc { radius_m, .. } => (radius_m < 0.0) != (self == PlatePart::Edge),
         }
     }
 }
@@ -88,6 +100,7 @@ impl RailBody {
             law,
             friction,
             stick_speed_m_s: stick,
+            touches: PlatePart::ALL.map(|part| rail.pieces.iter().any(|piece| part.touches(piece))),
         }
     }
 
@@ -193,6 +206,17 @@ pub fn law_radius_m(radius_m: f64) -> f64 {
 /// Penetration of a part that no piece of the rail faces [m]: nothing can touch from there within a step.
 const NO_FACING_PIECE_M: f64 = -1.0;
 
+/// Lanes of a part that no piece of a rail is for: they stand still, far from anything.
+#[inline(always)]
+pub fn face_nothing(lanes: &mut Lanes) -> RailContactLanes {
+    let zero = [0.0; LANES];
+    (lanes.x, lanes.y, lanes.vx, lanes.vy, lanes.ax, lanes.ay) = (zero, zero, zero, zero, zero, zero);
+    (lanes.omega, lanes.lever, lanes.curvature, lanes.age) = (zero, zero, zero, zero);
+    (lanes.normal_x, lanes.normal_y) = (zero, [1.0; LANES]);
+    (lanes.penetration, lanes.body_radius) = ([NO_FACING_PIECE_M; LANES], [f64::INFINITY; LANES]);
+    RailContactLanes::default()
+}
+
 /// What [`find_contacts`] finds beside what it puts into the lanes.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RailContactLanes {
@@ -216,24 +240,18 @@ pub fn find_contacts(
     lanes: &mut Lanes,
 ) -> RailContactLanes {
     let mut nearest = NearestPieces::new((body.plate_radius_m, body.plate_radius_m + bent_m), swing, lanes);
-    for (index, piece) in body.pieces.iter().enumerate() {
+    for (index, piece) in body.pieces.iter().enumerate().filter(|(_, piece)| part.touches(piece)) {
         match *piece {
-            Piece::Line { start, along, length_m } if part != PlatePart::Edge => {
-                nearest.line(index, part, (start, along, length_m));
-            }
-            Piece::EdgeSupport { point, normal } if part == PlatePart::Edge => {
-                nearest.edge_support(index, point, normal)
-            }
-            Piece::Arc { centre, radius_m, from, to } if (radius_m < 0.0) != (part == PlatePart::Edge) => {
-                nearest.arc(index, part, (centre, radius_m, from, to));
-            }
-            Piece::Line { .. } | Piece::EdgeSupport { .. } | Piece::Arc { .. } => {}
+            Piece::Line { start, along, length_m } => nearest.line(index, part, (start, along, length_m)),
+            Piece::EdgeSupport { point, normal } => nearest.edge_support(index, point, normal),
+            Piece::Arc { centre, radius_m, from, to } => nearest.arc(index, part, (centre, radius_m, from, to)),
         }
     }
     nearest.move_lanes_to_contacts(part, swing, link_alpha, lanes)
 }
 
-/// The nearest piece of every lane so far, in the rail's frame.
+/// The nearest piece of every lane so far, in the rail's frame. Every lane computes everything and keeps what holds for it, so that lanes live in vector
+/// registers.
 struct NearestPieces {
     plate_radius_m: f64,
     deepest_m: f64,
@@ -244,7 +262,7 @@ struct NearestPieces {
     heading_y: LaneBlock,
     lever: LaneBlock,
     /// What is found: see [`PlateTouch`]; `bend`: of the joint's path along the piece, as [`Lanes::curvature`].
-    here: [bool; LANES],
+    here: LaneMask,
     depth: LaneBlock,
     place: LaneBlock,
     normal_x: LaneBlock,
@@ -252,6 +270,22 @@ struct NearestPieces {
     bend: LaneBlock,
     radius: LaneBlock,
     piece: LaneBlock,
+}
+
+/// What a piece is to a lane, where `faces` says that the lane faces it: where on the axis, penetration, normal and bend.
+struct PieceLane {
+    faces: u64,
+    place: f64,
+    depth: f64,
+    normal_x: f64,
+    normal_y: f64,
+    bend: f64,
+}
+
+/// One lane of two blocks by a mask.
+#[inline(always)]
+fn select(yes: u64, a: f64, b: f64) -> f64 {
+    if yes != 0 { a } else { b }
 }
 
 impl NearestPieces {
@@ -274,7 +308,7 @@ impl NearestPieces {
             heading_x,
             heading_y,
             lever: lanes.lever,
-            here: [false; LANES],
+            here: [0; LANES],
             depth: [NO_FACING_PIECE_M; LANES],
             place: zero,
             normal_x: zero,
@@ -297,48 +331,56 @@ impl NearestPieces {
         (point.x - self.x[i]) * self.heading_x[i] + (point.y - self.y[i]) * self.heading_y[i]
     }
 
-    /// Takes a piece that a lane faces, if it is nearer than what there is: where on the axis, penetration, normal, bend, radius.
+    /// Takes a piece in a lane that faces it and is nearer to it than to what there is.
     #[inline(always)]
-    fn keep_if_nearer(
-        &mut self,
-        i: usize,
-        index: usize,
-        (at, p): (f64, f64),
-        (nx, ny): (f64, f64),
-        (bend, radius): (f64, f64),
-    ) {
-        if (p < self.deepest_m) & (!self.here[i] | (p > self.depth[i])) {
-            (self.depth[i], self.place[i], self.here[i]) = (p, at, true);
-            (self.normal_x[i], self.normal_y[i], self.bend[i], self.radius[i]) = (nx, ny, bend, radius);
-            self.piece[i] = index as f64;
-        }
+    fn keep_if_nearer(&mut self, i: usize, index: usize, radius_m: f64, own: PieceLane) {
+        let p = own.depth;
+        let nearer = own.faces & mask(p < self.deepest_m) & (!self.here[i] | mask(p > self.depth[i]));
+        self.depth[i] = select(nearer, p, self.depth[i]);
+        self.place[i] = select(nearer, own.place, self.place[i]);
+        self.normal_x[i] = select(nearer, own.normal_x, self.normal_x[i]);
+        self.normal_y[i] = select(nearer, own.normal_y, self.normal_y[i]);
+        self.bend[i] = select(nearer, own.bend, self.bend[i]);
+        self.radius[i] = select(nearer, radius_m, self.radius[i]);
+        self.piece[i] = select(nearer, index as f64, self.piece[i]);
+        self.here[i] |= nearer;
     }
 
     #[inline(always)]
     fn line(&mut self, index: usize, part: PlatePart, (start, along, length_m): (Vec2, Vec2, f64)) {
         for i in 0..LANES {
-            let at = part.end() * self.lever[i];
-            let (dx, dy) = self.vector_from(i, start, at);
+            let place = part.end() * self.lever[i];
+            let (dx, dy) = self.vector_from(i, start, place);
             let foot = dx * along.x + dy * along.y;
-            let p = self.plate_radius_m - (dx * along.y - dy * along.x);
-            if (foot >= 0.0) & (foot < length_m) {
-                self.keep_if_nearer(i, index, (at, p), (along.y, -along.x), (0.0, f64::INFINITY));
-            }
+            let own = PieceLane {
+                faces: mask(foot >= 0.0) & mask(foot < length_m),
+                place,
+                depth: self.plate_radius_m - (dx * along.y - dy * along.x),
+                normal_x: along.y,
+                normal_y: -along.x,
+                bend: 0.0,
+            };
+            self.keep_if_nearer(i, index, f64::INFINITY, own);
         }
     }
 
     #[inline(always)]
     fn edge_support(&mut self, index: usize, point: Vec2, normal: Vec2) {
         for i in 0..LANES {
-            let at = self.foot_on_axis(i, point);
-            let (dx, dy) = self.vector_from(i, point, at);
+            let place = self.foot_on_axis(i, point);
+            let (dx, dy) = self.vector_from(i, point, place);
             let distance = length(dx, dy);
-            let flat = (at < self.lever[i]) & (at > -self.lever[i]) & (dx * normal.x + dy * normal.y > 0.0);
-            if flat {
-                let scale = 1.0 / distance;
-                let p = self.plate_radius_m - distance;
-                self.keep_if_nearer(i, index, (at, p), (dx * scale, dy * scale), (0.0 - scale, 0.0));
-            }
+            let scale = 1.0 / distance;
+            let is_above = mask(dx * normal.x + dy * normal.y > 0.0);
+            let own = PieceLane {
+                faces: mask(place < self.lever[i]) & mask(place > -self.lever[i]) & is_above,
+                place,
+                depth: self.plate_radius_m - distance,
+                normal_x: dx * scale,
+                normal_y: dy * scale,
+                bend: 0.0 - scale,
+            };
+            self.keep_if_nearer(i, index, 0.0, own);
         }
     }
 
@@ -347,23 +389,32 @@ impl NearestPieces {
         let sense = if radius_m < 0.0 { -1.0 } else { 1.0 };
         for i in 0..LANES {
             let lever = self.lever[i];
-            let at = match part {
-                PlatePart::Edge => self.foot_on_axis(i, centre).clamp(-lever, lever),
+            let place = match part {
+                PlatePart::Edge => {
+                    let foot = self.foot_on_axis(i, centre);
+                    let foot = if foot < -lever { -lever } else { foot };
+                    if foot > lever { lever } else { foot }
+                }
                 PlatePart::Front | PlatePart::Rear => part.end() * lever,
             };
-            let (dx, dy) = self.vector_from(i, centre, at);
+            let (dx, dy) = self.vector_from(i, centre, place);
             let distance = length(dx, dy);
             let scale = sense / distance;
             let (ux, uy) = (dx * scale, dy * scale);
-            let inside = (sense * (from.x * uy - from.y * ux) >= 0.0) & (sense * (ux * to.y - uy * to.x) > 0.0);
-            if inside {
-                let p = radius_m + self.plate_radius_m - sense * distance;
-                self.keep_if_nearer(i, index, (at, p), (ux, uy), (0.0 - scale, radius_m));
-            }
+            let own = PieceLane {
+                faces: mask(sense * (from.x * uy - from.y * ux) >= 0.0) & mask(sense * (ux * to.y - uy * to.x) > 0.0),
+                place,
+                depth: radius_m + self.plate_radius_m - sense * distance,
+                normal_x: ux,
+                normal_y: uy,
+                bend: 0.0 - scale,
+            };
+            self.keep_if_nearer(i, index, radius_m, own);
         }
     }
 
-    /// Puts the points of contact in the place of the links: positions, velocities and accelerations against the rail, normals.
+    /// Puts the points of contact in the place of the links: positions, velocities and accelerations against the rail, normals. A lane that faces no
+    /// piece of the rail stands still, far from anything: its speed against a rail that turns says nothing, for a lane without a link is a kilometre away.
     #[inline(always)]
     fn move_lanes_to_contacts(
         &self,
@@ -373,23 +424,24 @@ impl NearestPieces {
         lanes: &mut Lanes,
     ) -> RailContactLanes {
         let FrameMotion { cos: c, sin: s, omega, alpha, .. } = swing;
-        let mut found =
-            RailContactLanes { here: self.here, piece: self.piece, link_radius: [self.plate_radius_m; LANES] };
+        let mut found = RailContactLanes {
+            here: std::array::from_fn(|i| self.here[i] != 0),
+            piece: self.piece,
+            link_radius: [self.plate_radius_m; LANES],
+        };
         for i in 0..LANES {
-            if !self.here[i] {
-                freeze_lane(i, lanes);
-                continue;
-            }
+            let here = self.here[i];
             let (at, lever) = (self.place[i], self.lever[i]);
             let (e, f, turn) = (lanes.cos[i], lanes.sin[i], lanes.omega[i]);
             let (wx, wy) = (c * self.normal_x[i] - s * self.normal_y[i], s * self.normal_x[i] + c * self.normal_y[i]);
-            let flat = (part == PlatePart::Edge) & (at < lever) & (at > -lever);
             let (px, py) = (lanes.x[i] + e * at, lanes.y[i] + f * at);
             let (vx, vy) = (lanes.vx[i] - turn * at * f, lanes.vy[i] + turn * at * e);
             // Acceleration against the points of the rail.
             let mut ax = lanes.ax[i] - link_alpha[i] * at * f + alpha * py;
             let mut ay = lanes.ay[i] + link_alpha[i] * at * e - alpha * px;
-            if flat {
+            let mut bend = self.bend[i];
+            if part == PlatePart::Edge {
+                let flat = mask(at < lever) & mask(at > -lever);
                 // The normal of a flat edge turns with the link. `rates` assumes a normal that turns with the rail: the difference.
                 let rho = self.radius[i] + self.plate_radius_m - self.depth[i];
                 let (cx, cy) = (px - wx * rho, py - wy * rho);
@@ -397,27 +449,27 @@ impl NearestPieces {
                 let with_rail = wx * (2.0 * vy - omega * px) - wy * (2.0 * vx + omega * py);
                 let with_link = 2.0 * turn * u - turn * turn * rho;
                 let extra = with_link + omega * omega * (cx * wx + cy * wy) - omega * with_rail;
-                ax += wx * extra;
-                ay += wy * extra;
-                found.link_radius[i] = f64::INFINITY;
+                ax = select(flat, ax + wx * extra, ax);
+                ay = select(flat, ay + wy * extra, ay);
+                bend = select(flat, 0.0, bend);
+                found.link_radius[i] = select(flat & here, f64::INFINITY, self.plate_radius_m);
             }
-            (lanes.x[i], lanes.y[i], lanes.vx[i], lanes.vy[i]) = (px, py, vx, vy);
-            (lanes.ax[i], lanes.ay[i], lanes.lever[i]) = (ax, ay, at);
-            (lanes.penetration[i], lanes.normal_x[i], lanes.normal_y[i]) = (self.depth[i], wx, wy);
-            lanes.curvature[i] = if flat { 0.0 } else { self.bend[i] };
-            lanes.body_radius[i] = law_radius_m(self.radius[i]);
+            lanes.x[i] = select(here, px, 0.0);
+            lanes.y[i] = select(here, py, 0.0);
+            lanes.vx[i] = select(here, vx, 0.0);
+            lanes.vy[i] = select(here, vy, 0.0);
+            lanes.ax[i] = select(here, ax, 0.0);
+            lanes.ay[i] = select(here, ay, 0.0);
+            lanes.omega[i] = select(here, turn, 0.0);
+            lanes.lever[i] = select(here, at, 0.0);
+            lanes.penetration[i] = select(here, self.depth[i], NO_FACING_PIECE_M);
+            lanes.normal_x[i] = select(here, wx, 0.0);
+            lanes.normal_y[i] = select(here, wy, 1.0);
+            lanes.curvature[i] = select(here, bend, 0.0);
+            lanes.body_radius[i] = select(here, law_radius_m(self.radius[i]), f64::INFINITY);
         }
         found
     }
-}
-
-/// A lane that faces no piece of the rail. Its speed against a rail that turns says nothing: a lane without a link is a kilometre away.
-#[inline(always)]
-fn freeze_lane(i: usize, lanes: &mut Lanes) {
-    (lanes.x[i], lanes.y[i], lanes.vx[i], lanes.vy[i]) = (0.0, 0.0, 0.0, 0.0);
-    (lanes.ax[i], lanes.ay[i], lanes.omega[i], lanes.lever[i]) = (0.0, 0.0, 0.0, 0.0);
-    (lanes.penetration[i], lanes.normal_x[i], lanes.normal_y[i]) = (NO_FACING_PIECE_M, 0.0, 1.0);
-    (lanes.curvature[i], lanes.body_radius[i]) = (0.0, f64::INFINITY);
 }
 
 /// Of a vector, never zero.

@@ -65,6 +65,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
         blade.shape.deflection(blade.modes().map(|k| q.omega[k] + half_step * q.alpha[k]), &mut bent.speed);
         blade.shape.deflection(blade.modes().map(|k| q.alpha[k]), &mut bent.acceleration);
     }
+    let far_m = reach_m + rail.most_bent_m(&state.coordinates.angle);
     let mut given = BodyReaction::default();
     for w in 0..scratch.rail_windows[k].len() {
         let Window { start, end, shared } = scratch.rail_windows[k][w];
@@ -76,7 +77,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                 for (i, part) in PlatePart::ALL.into_iter().enumerate() {
                     let levers = take(&model.chain.lever, at);
                     let own = (&mut found[i], &mut lanes[i]);
-                    blade.shape.bend_lanes(body, (part, &levers), &swing, bent, own, &mut on_blade[i]);
+                    blade.shape.bend_lanes(body, (part, &levers), far_m, &swing, bent, own, &mut on_blade[i]);
                 }
             }
             let sets: [usize; 3] = std::array::from_fn(|part| 3 * body.side + part);
@@ -91,11 +92,18 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
                 count_query(scratch, k, None, begun);
                 continue;
             }
-            for (lanes, set) in lanes.iter_mut().zip(sets) {
-                super::memory_of(state, scratch, ContactGroup::Rails(set).index(), count).load_past(block, lanes);
+            for ((lanes, set), touches) in lanes.iter_mut().zip(sets).zip(body.touches) {
+                if touches || shared {
+                    super::memory_of(state, scratch, ContactGroup::Rails(set).index(), count).load_past(block, lanes);
+                }
             }
             transfer_contacts(lanes, found);
             for (((lanes, found), on_blade), set) in lanes.iter_mut().zip(found.iter()).zip(on_blade.iter()).zip(sets) {
+                // A part of which nothing is near and nothing was held exerts nothing.
+                if !shared && !near(lanes) && lanes.age.iter().all(|age| *age == 0.0) && !held(set) {
+                    super::memory_of(state, scratch, ContactGroup::Rails(set).index(), count).clear_block(block);
+                    continue;
+                }
                 let sliding =
                     FrictionInput { mu: body.friction, stick_speed: body.stick_speed_m_s, radius: body.plate_radius_m };
                 let (law, h) = (&body.law, model.step_s);
@@ -144,19 +152,26 @@ fn find_contacts(
     let body = &model.rails[k].body;
     let bent_m = model.rails[k].most_bent_m(&state.coordinates.angle);
     let alpha = take(&scratch.wrapped.alpha, at);
-    load(model, state, scratch, at, (&swing, !model.rails[k].frame.shifts.is_empty()), &mut lanes[0]);
+    load(model, state, scratch, at, (&swing, !model.rails[k].frame.shifts.is_empty()), &mut lanes[2]);
     if shared {
         let nearest = &scratch.nearest_rail[body.side][at..at + LANES];
         for i in (0..LANES).filter(|i| nearest[*i] != k) {
-            lanes[0].x[i] = FAR_AWAY_M;
+            lanes[2].x[i] = FAR_AWAY_M;
         }
     }
-    let (first, rest) = lanes.split_at_mut(1);
-    for other in rest {
-        *other = first[0];
+    // The last part takes the lanes as they are; the others get copies of them.
+    let [front, rear, edge] = lanes;
+    for (part, own) in [front as &mut Lanes, rear].into_iter().enumerate() {
+        if body.touches[part] {
+            *own = *edge;
+        }
     }
-    for (part, (lanes, found)) in PlatePart::ALL.into_iter().zip(lanes.iter_mut().zip(found)) {
-        *found = plate_rail::find_contacts((body, bent_m), part, swing, &alpha, lanes);
+    for (part, (lanes, found)) in PlatePart::ALL.into_iter().zip([front, rear, edge].into_iter().zip(found)) {
+        *found = if body.touches[part as usize] {
+            plate_rail::find_contacts((body, bent_m), part, swing, &alpha, lanes)
+        } else {
+            plate_rail::face_nothing(lanes)
+        };
     }
 }
 

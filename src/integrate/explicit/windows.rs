@@ -155,39 +155,53 @@ fn find_nearest_rail(model: &Model, state: &State, scratch: &mut Scratch) {
     if !mark_shared(&mut scratch.rail_windows, same_side) {
         return;
     }
+    let columns = super::coordinate_columns(model, state);
+    let swings: Vec<FrameMotion> = model.rails.iter().map(|rail| rail.frame.motion(&columns)).collect();
     for side in 0..2 {
         for i in model.chain.links() {
             let own = model.chain.loop_of(i);
-            let gap = |k: &usize| {
-                let swing = model.rails[*k].frame.motion(&super::coordinate_columns(model, state));
-                model.rails[*k].rail.profile.closest(in_frame(&swing, state, i)).distance_m.abs()
-            };
-            let on_side =
-                (0..model.rails.len()).filter(|k| model.rails[*k].body.side == side && model.rails[*k].chain == own);
-            let nearest = on_side.min_by(|a, b| gap(a).total_cmp(&gap(b))).unwrap_or(0);
+            let mut nearest: Option<(usize, f64)> = None;
+            for (k, rail) in model.rails.iter().enumerate().filter(|(_, r)| r.body.side == side && r.chain == own) {
+                let place = in_frame(&swings[k], state, i);
+                // No point of a rail is nearer than the box about it.
+                let is_nearer = |gap_m: f64| nearest.is_none_or(|(_, least_m)| gap_m < least_m);
+                if is_nearer(rail.box_distance_m(place)) {
+                    let gap_m = rail.rail.profile.closest(place).distance_m.abs();
+                    if is_nearer(gap_m) {
+                        nearest = Some((k, gap_m));
+                    }
+                }
+            }
+            let nearest = nearest.map_or(0, |(k, _)| k);
             update_nearest(&mut scratch.nearest_rail[side][i], nearest, &mut scratch.handovers);
         }
     }
 }
 
-/// Sets `shared` on windows of different bodies that overlap; returns whether there are any.
+/// Parts windows where those of other bodies lie over them, and sets `shared` on these parts; returns whether there are any.
 fn mark_shared(windows: &mut [Vec<Window>], compete: impl Fn(usize, usize) -> bool) -> bool {
+    let overlap = |a: &Window, b: &Window| a.start < b.end && b.start < a.end;
+    let all: Vec<Vec<Window>> = windows.to_vec();
     let mut any = false;
-    for a in 0..windows.len() {
-        for b in (a + 1)..windows.len() {
-            if !compete(a, b) {
-                continue;
-            }
-            for i in 0..windows[a].len() {
-                for j in 0..windows[b].len() {
-                    if windows[a][i].start < windows[b][j].end && windows[b][j].start < windows[a][i].end {
-                        windows[a][i].shared = true;
-                        windows[b][j].shared = true;
-                        any = true;
-                    }
-                }
+    for (a, own) in windows.iter_mut().enumerate() {
+        let others: Vec<Window> =
+            all.iter().enumerate().filter(|(b, _)| *b != a && compete(a, *b)).flat_map(|(_, w)| w).copied().collect();
+        if !own.iter().any(|w| others.iter().any(|other| overlap(w, other))) {
+            continue;
+        }
+        any = true;
+        let blocks = own.iter().flat_map(|w| (w.start..w.end).step_by(LANES)).map(|start| {
+            let block = Window { start, end: start + LANES, shared: false };
+            Window { shared: others.iter().any(|other| overlap(&block, other)), ..block }
+        });
+        let mut parted: Vec<Window> = Vec::new();
+        for block in blocks {
+            match parted.last_mut() {
+                Some(last) if last.end == block.start && last.shared == block.shared => last.end = block.end,
+                _ => parted.push(block),
             }
         }
+        *own = parted;
     }
     any
 }
