@@ -11,9 +11,11 @@ use problems::SmallProblem;
 const PROBLEMS: std::ops::Range<u64> = 0..200;
 
 /// Problems that the fuzzer has found.
-const FOUND: [&[u8]; 1] = [
+const FOUND: [&[u8]; 2] = [
     // Nothing is left of a record, so that no number has an error.
     b"AFF\xd6F=\xd4#00000biiiiiiiiii\x18\x18\x18\x18\x18\x18\x18ii%\xd4\xdd\xd6",
+    // A record of zeros tells nothing of a number.
+    b"\x0C#-#-\xD7\xAB\xCE-..................##\xAB)-#\xDD,,,,T\x99\xB3",
 ];
 
 #[test]

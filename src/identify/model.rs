@@ -479,10 +479,13 @@ pub fn inflation(model: &FittedModel) -> f64 {
 }
 
 /// Standard error of a scaled global: the larger of that of coloured noise of one variance, and that of blocks of the records, which
-/// holds where the rest is neither white nor alike everywhere.
+/// holds where the rest is neither white nor alike everywhere. Infinite where the records say nothing of it.
 pub fn standard_error(model: &FittedModel, global: usize) -> f64 {
-    let variance = (model.fit.covariance[(global, global)] * inflation(model)).max(0.0);
-    libm::sqrt(variance.max(block_variance(model, global).unwrap_or(0.0)))
+    let variance = model.fit.covariance[(global, global)] * inflation(model);
+    if variance.is_nan() {
+        return f64::INFINITY;
+    }
+    libm::sqrt(variance.max(0.0).max(block_variance(model, global).unwrap_or(0.0)))
 }
 
 /// Squared error, over its variance, by which a number that is one standard error off must raise it at least (it is 1 where residuals are

@@ -184,6 +184,19 @@ impl Blade {
         }
     }
 
+    /// No point of the contour is bent further outwards than that [m]. Between two nodes a cubic lies above both by no more than 4/27 of the length times
+    /// the slopes at them.
+    #[inline(always)]
+    pub fn most_outward_m(&self, bent: &Deflection) -> f64 {
+        let mut most = 0.0;
+        for ((way, slopes), nodes) in bent.value.windows(2).zip(bent.slope.windows(2)).zip(self.nodes.windows(2)) {
+            let node = if way[0] > way[1] { way[0] } else { way[1] };
+            let bound = node + (4.0 / 27.0) * (nodes[1] - nodes[0]) * (slopes[0].abs() + slopes[1].abs());
+            most = if bound > most { bound } else { most };
+        }
+        most
+    }
+
     /// Where along the contour a touch of a piece lies [m], and the contour's normal there. `foot`: the point that touches, and `normal`,
     /// both in the rail's frame.
     #[inline(always)]

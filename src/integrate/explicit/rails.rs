@@ -65,7 +65,7 @@ pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratc
         blade.shape.deflection(blade.modes().map(|k| q.omega[k] + half_step * q.alpha[k]), &mut bent.speed);
         blade.shape.deflection(blade.modes().map(|k| q.alpha[k]), &mut bent.acceleration);
     }
-    let far_m = reach_m + rail.most_bent_m(&state.coordinates.angle);
+    let far_m = reach_m + rail.blade.as_ref().map_or(0.0, |blade| blade.shape.most_outward_m(&bent.way));
     let mut given = BodyReaction::default();
     for w in 0..scratch.rail_windows[k].len() {
         let Window { start, end, shared } = scratch.rail_windows[k][w];
