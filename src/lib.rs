@@ -75,6 +75,8 @@ pub mod output;
 #[doc(hidden)]
 pub mod pairs;
 #[doc(hidden)]
+pub mod products;
+#[doc(hidden)]
 pub mod random;
 #[doc(hidden)]
 pub mod render;

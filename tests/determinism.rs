@@ -41,6 +41,22 @@ fn every_vector_unit_and_every_look_interval_gives_the_same_bits() {
     }
 }
 
+/// Rails, blades, oil, several chains: what is looked at seldom, skipped in blocks or left to another body changes no bit.
+#[test]
+fn every_bundled_drive_has_the_same_bits_however_often_it_looks() {
+    const FEW_STEPS: u64 = 1200;
+    for (name, text) in BUNDLED {
+        let a = assembled(&Drive::parse(name, text, &[]).unwrap_or_else(|e| panic!("{e}")));
+        let reference = hash_after(&a, &a.state, &mut Scratch::with_isa(&a.model, Isa::Baseline), FEW_STEPS).0;
+        for (isa, refresh) in Isa::available().into_iter().flat_map(|isa| [(isa, 1), (isa, 29)]) {
+            let mut scratch = Scratch::with_isa(&a.model, isa);
+            scratch.refresh_steps = refresh;
+            let hash = hash_after(&a, &a.state, &mut scratch, FEW_STEPS).0;
+            assert_eq!(hash, reference, "{name}, {isa:?}, looking every {refresh} steps");
+        }
+    }
+}
+
 #[test]
 fn wider_padding_gives_the_same_bits() {
     for (name, text) in BUNDLED {

@@ -152,6 +152,7 @@ fn modules_use_only_what_stands_above_them() {
         "diag",
         "statistics",
         "random",
+        "products",
         "geometry",
         "recording::columns",
         "recording::frame",

@@ -8,6 +8,7 @@
 //! Source: Juang and Pappa, Journal of Guidance 8 (1985), 620. A pole of the system stands whatever number of singular values is kept, one of rounding or of
 //! what is not linear moves: poles are kept that several numbers have in common (stabilisation diagram: Peeters and De Roeck, MSSP 13 (1999), 855).
 
+use crate::products::product;
 use crate::statistics::median;
 use nalgebra::{DMatrix, SymmetricEigen};
 use std::f64::consts::PI;
@@ -64,12 +65,15 @@ const OVERDAMPED: f64 = 0.7;
 
 /// Poles up to `highest_hz`, by frequency, and the number of orders.
 pub fn stable_poles(responses: &ImpulseResponses, highest_hz: f64) -> (Vec<StablePole>, usize) {
-    let families = families(responses, highest_hz);
-    let Some((families, orders)) = families else { return (Vec::new(), 0) };
-    let least = ((STANDS_IN * orders as f64) as usize).max(2);
+    let Some(Families { families, orders, is_exact }) = families(responses, highest_hz) else { return (Vec::new(), 0) };
+    let least = libm::ceil(STANDS_IN * orders as f64) as usize;
+    // Where responses are those of so many poles to the last digit, the largest order has them all and none beside.
+    let stands = |family: &Vec<StablePole>| {
+        if is_exact { family.last().is_some_and(|last| last.orders == orders) } else { family.len() >= least.max(2) }
+    };
     let mut poles: Vec<StablePole> = families
         .into_iter()
-        .filter(|family| family.len() >= least)
+        .filter(stands)
         .filter_map(|family| {
             let middle = |of: fn(&StablePole) -> f64| median(family.iter().map(of));
             let pole =
@@ -77,7 +81,7 @@ pub fn stable_poles(responses: &ImpulseResponses, highest_hz: f64) -> (Vec<Stabl
             (pole.damping_ratio() < OVERDAMPED).then_some(pole)
         })
         .collect();
-    // Of two that are the same, the one that stands in more orders.
+    // The one that stands in more orders, where two are the same.
     poles.sort_by(|a, b| b.orders.cmp(&a.orders).then(a.rad_s.total_cmp(&b.rad_s)));
     let mut kept: Vec<StablePole> = Vec::new();
     for pole in poles {
@@ -89,8 +93,16 @@ pub fn stable_poles(responses: &ImpulseResponses, highest_hz: f64) -> (Vec<Stabl
     (kept, orders)
 }
 
-/// Poles of all orders, those that are the same together, and the number of orders. None: there is nothing to make a matrix of.
-fn families(responses: &ImpulseResponses, highest_hz: f64) -> Option<(Vec<Vec<StablePole>>, usize)> {
+/// Poles of all orders, those that are the same together; `orders` of a pole is then the number of its own order.
+struct Families {
+    families: Vec<Vec<StablePole>>,
+    orders: usize,
+    /// The matrix has no more singular values above rounding.
+    is_exact: bool,
+}
+
+/// None: there is nothing to make a matrix of.
+fn families(responses: &ImpulseResponses, highest_hz: f64) -> Option<Families> {
     let values = &responses.values;
     let (outputs, inputs) = values.first()?.shape();
     if outputs == 0 || inputs == 0 {
@@ -120,7 +132,7 @@ fn families(responses: &ImpulseResponses, highest_hz: f64) -> Option<(Vec<Vec<St
     let most = (0..order.len()).take(LARGEST_ORDER).take_while(|k| singular(*k) > ROUNDING * largest).count();
     // U = H0 V / S: the whole matrix at the largest order holds those of all smaller ones.
     let v = DMatrix::from_fn(squares.eigenvectors.nrows(), most, |i, k| squares.eigenvectors[(i, order[k])]);
-    let middle = v.tr_mul(&crossed) * &v;
+    let middle = product(&v.tr_mul(&crossed), &v);
     let mut families: Vec<Vec<StablePole>> = Vec::new();
     let mut orders = 0;
     for count in (ORDER_STEP..=most).step_by(ORDER_STEP) {
@@ -137,7 +149,7 @@ fn families(responses: &ImpulseResponses, highest_hz: f64) -> Option<(Vec<Vec<St
             let pole = StablePole {
                 decay_per_s: -libm::log(size) / responses.step_s,
                 rad_s: turned / responses.step_s,
-                orders: 1,
+                orders,
             };
             if pole.frequency_hz() > highest_hz {
                 continue;
@@ -158,7 +170,8 @@ fn families(responses: &ImpulseResponses, highest_hz: f64) -> Option<(Vec<Vec<St
             }
         }
     }
-    Some((families, orders))
+    let is_exact = most < LARGEST_ORDER.min(order.len()) && most % ORDER_STEP == 0;
+    Some(Families { families, orders, is_exact })
 }
 
 /// What poles make of responses.
@@ -192,7 +205,7 @@ pub fn residues(responses: &ImpulseResponses, poles: &[StablePole]) -> Option<Re
         return Some(Residues { sizes: Vec::new(), shares: Vec::new(), left: 1.0 });
     }
     let solution = basis.clone().svd(true, true).solve(&wanted, 1e-12).ok()?;
-    let left = (&wanted - &basis * &solution).norm_squared() / whole;
+    let left = (&wanted - product(&basis, &solution)).norm_squared() / whole;
     let (mut sizes, mut shares) = (Vec::new(), Vec::new());
     for (p, pole) in poles.iter().enumerate() {
         let at_first = libm::exp(pole.decay_per_s * from_s(pole));
@@ -200,7 +213,7 @@ pub fn residues(responses: &ImpulseResponses, poles: &[StablePole]) -> Option<Re
             let j = o + outputs * i;
             at_first * libm::hypot(solution[(2 * p, j)], solution[(2 * p + 1, j)])
         }));
-        let own = basis.columns(2 * p, 2) * solution.rows(2 * p, 2);
+        let own = product(&basis.columns(2 * p, 2).into_owned(), &solution.rows(2 * p, 2).into_owned());
         shares.push(own.norm_squared() / whole);
     }
     Some(Residues { sizes, shares, left })
@@ -247,8 +260,20 @@ mod tests {
         assert!((found.sizes[0][(1, 0)] / found.sizes[0][(0, 0)] - 0.6).abs() < 1e-3, "{}", found.sizes[0]);
     }
 
+    /// One swing, two swings, without noise: singular values end, and with them the orders.
     #[test]
-    fn noise_has_no_poles_and_hides_few() {
+    fn a_clean_swing_is_found_alone() {
+        let step_s = 1e-3;
+        let w = 2.0 * PI * 50.0;
+        let value = |k: usize| libm::exp(-20.0 * step_s * k as f64) * libm::cos(w * step_s * k as f64);
+        let values = (0..100).map(|k| DMatrix::from_element(1, 1, value(k))).collect();
+        let (poles, _) = stable_poles(&ImpulseResponses { step_s, values }, 400.0);
+        assert_eq!(poles.len(), 1, "{poles:?}");
+        assert!((poles[0].rad_s / w - 1.0).abs() < 1e-6 && (poles[0].decay_per_s - 20.0).abs() < 1e-3, "{poles:?}");
+    }
+
+    #[test]
+    fn noise_hides_no_mode_and_makes_few() {
         let (poles, _) = stable_poles(&two_modes(1e-2), 400.0);
         for (hz, zeta) in [(60.0, 0.05), (67.0, 0.12)] {
             let near = poles.iter().find(|p| (p.frequency_hz() - hz).abs() < 0.02 * hz);

@@ -7,12 +7,15 @@
 //! y(t) = mean over kicks of (copy - run) = sum over modes of r exp(-d t) cos(w t + b)
 //! f = sqrt(d^2 + w^2) / (2 pi),   zeta = d / sqrt(d^2 + w^2)
 //! ```
-//! Source: poles by [`super::realisation`]; the mean over instants is the time-invariant part of a response that changes periodically (Wereley, PhD thesis MIT
-//! (1991), chapter 3). Standard errors are those of leaving out the kicks of one instant after the other (jackknife).
+//! Source: poles by [`super::realisation`]. Standard errors are those of leaving out the kicks of one instant after the other (jackknife).
+//!
+//! Where the drive changes periodically, with a cycle of frequency W, the mean holds every mode at w + n W too, with the same d and other shapes: its side bands
+//! (Wereley, PhD thesis MIT (1991), chapter 3). Rows that may be such are marked; at another speed a side band moves with W, a mode does not.
 
 use super::decay::{LowPass, PASSED};
 use super::mode_shapes::{LinkPlaces, MovingPart};
 use super::realisation::{ImpulseResponses, StablePole, residues, stable_poles};
+use crate::elements::coordinate::CoordinateMotion;
 use crate::geometry::{Vec2, perp};
 use crate::integrate::explicit::Scratch;
 use crate::integrate::{StepError, scheme};
@@ -47,8 +50,10 @@ pub struct RunningMode {
     pub damping_ratio_error: Option<f64>,
     /// In how many orders of the fit it stands.
     pub orders: usize,
-    /// Its square over that of all responses; shares of modes that are not orthogonal do not sum to one.
+    /// Its square over that of the mean responses behind the filter; shares of modes that are not orthogonal do not sum to one.
     pub share: f64,
+    /// Frequency of a mode with a larger share from which it lies as far as a multiple of the cycle's frequency, with the same decay [Hz].
+    pub side_band_of_hz: Option<f64>,
     /// What moves, by kinetic energy, after the kick that shows it most.
     pub moves: Vec<MovingPart>,
 }
@@ -59,19 +64,21 @@ pub struct RunningModes {
     pub modes: Vec<RunningMode>,
     /// Orders of the fit.
     pub orders: usize,
-    /// Share of the responses' square that no mode explains.
+    /// Share of the square of the mean responses that no pole explains.
     pub left: f64,
     /// Root mean square of what responses of one instant differ from the mean, over that of the mean: how much the drive changes over its cycle.
     pub varies: f64,
-    /// By how much the response to ten times the kick differs from ten times the response, over it.
+    /// By how much the response of what is kicked first to ten times the speed differs from ten times its response, over it, at the first instant.
     pub nonlinear: f64,
+    /// Speed of the driver at the first kick and at the last [rad/s].
+    pub driver_rad_s: [f64; 2],
+    /// Frequency of the cycle over which kicks are spread, two turns of the driver [Hz]; zero where it stands still.
+    pub cycle_hz: f64,
     /// What was kicked.
     pub kicked: Vec<String>,
     pub instants: usize,
     /// Energy of a kick [J].
     pub kick_j: f64,
-    /// Steps of all runs together.
-    pub steps: u64,
 }
 
 /// Why there are no modes of the running drive.
@@ -81,6 +88,8 @@ pub enum RunningModesError {
     NothingMoves,
     /// The responses are too short for these frequencies: how long they must be [s].
     Short(f64),
+    /// The poles that are found cannot be told apart.
+    Alike,
     /// A run broke down.
     Run(StepError),
 }
@@ -90,8 +99,13 @@ impl std::fmt::Display for RunningModesError {
         match self {
             RunningModesError::NothingMoves => f.write_str("nothing of the drive is free to move"),
             RunningModesError::Short(need_s) => {
-                write!(f, "the responses are too short for these frequencies: {:.0} ms are needed", 1e3 * need_s)
+                write!(
+                    f,
+                    "the responses are too short for these frequencies: follow them for {:.0} ms, or look at higher ones",
+                    libm::ceil(1e3 * need_s)
+                )
             }
+            RunningModesError::Alike => f.write_str("the swings of the responses cannot be told apart"),
             RunningModesError::Run(error) => write!(f, "{error}"),
         }
     }
@@ -111,12 +125,18 @@ const VALUES_PER_PERIOD: f64 = 64.0;
 const FEWEST_VALUES: usize = 40;
 /// Turns of the driver over which kicks are spread: a cycle of a four-stroke engine.
 const TURNS: f64 = 2.0;
-/// Share of a tooth by which each kick is later than even spacing puts it: the golden ratio, so that kicks fall on all phases of meshing.
+/// Kick k is later than even spacing puts it by what k times this has behind the point, in teeth: the golden ratio, so that kicks fall on all phases of
+/// meshing.
 const TOOTH_SHARE: f64 = 0.618_033_988_749_894_9;
 /// Modes with less of the responses are left out. assumed.
 const LEAST_SHARE: f64 = 1e-3;
 /// A mode of fewer kicks is the same within this distance over its size. assumed.
 const SAME_MODE: f64 = 0.15;
+/// Responses of one instant that differ less from the mean are those of a steady drive, which has no side bands. assumed.
+pub const STEADY: f64 = 0.2;
+/// How far a side band may lie from its place, over its frequency, and how far the decays of both may be apart, over one. assumed.
+const SIDE_BAND: f64 = 0.02;
+const SAME_DECAY: f64 = 0.2;
 
 /// A span as the frame of the drive sees it: fixed, its links pass through.
 struct SpanLine {
@@ -161,12 +181,10 @@ pub fn running_modes(model: &Model, state: State, plan: &KickPlan) -> Result<Run
     }
     let mut base = state;
     let mut scratch = Scratch::new(model);
-    let mut steps = 0;
     let mut go = |base: &mut State, count: u64| -> Result<(), RunningModesError> {
         for _ in 0..count {
             scheme::step(model, base, &mut scratch).map_err(RunningModesError::Run)?;
         }
-        steps += count;
         Ok(())
     };
     go(&mut base, (plan.settle_s / step_s) as u64)?;
@@ -175,13 +193,25 @@ pub fn running_modes(model: &Model, state: State, plan: &KickPlan) -> Result<Run
         return Err(RunningModesError::NothingMoves);
     }
     // A copy of the run for every instant.
-    let (turn_s, tooth_s) = periods(model);
+    let first_rad_s = driver_rad_s(model, &base);
+    let (turn_s, tooth_s) = periods(model, first_rad_s);
     let instants = if turn_s.is_finite() { plan.instants.max(1) } else { 1 };
+    let mut after: Vec<u64> = (1..instants)
+        .map(|k| {
+            let phase = TOOTH_SHARE * k as f64;
+            (TURNS * turn_s * k as f64 / instants as f64 + (phase - libm::floor(phase)) * tooth_s) / step_s
+        })
+        .map(|steps| steps as u64)
+        .collect();
+    after.sort_unstable();
     let mut starts = vec![base.clone()];
-    for _ in 1..instants {
-        go(&mut base, ((TURNS * turn_s / instants as f64 + TOOTH_SHARE * tooth_s) / step_s) as u64)?;
+    let mut gone = 0;
+    for steps in after {
+        go(&mut base, steps - gone)?;
+        gone = steps;
         starts.push(base.clone());
     }
+    let driver_rad_s = [first_rad_s, driver_rad_s(model, &base)];
     // Every instant's run once a part; parts as many as keep the threads busy.
     let parts = plan.threads.div_ceil(instants).clamp(1, rig.kicked.len());
     let width = rig.kicked.len().div_ceil(parts);
@@ -199,7 +229,6 @@ pub fn running_modes(model: &Model, state: State, plan: &KickPlan) -> Result<Run
     });
     let mut heard = heard.into_iter().collect::<Result<Vec<_>, StepError>>().map_err(RunningModesError::Run)?;
     let harder = heard.pop().unwrap_or_default();
-    steps += raw as u64 * stride * (rig.kicked.len() * instants + jobs.len() + 2) as u64;
     let step_s = interval_s * filter.every as f64;
     let by_instant: Vec<ImpulseResponses> = (0..instants)
         .map(|k| {
@@ -222,17 +251,21 @@ pub fn running_modes(model: &Model, state: State, plan: &KickPlan) -> Result<Run
     } else {
         Vec::new()
     };
-    let found = residues(&all, &poles).ok_or(RunningModesError::NothingMoves)?;
-    let modes = poles.iter().enumerate().filter(|(p, _)| found.shares[*p] >= LEAST_SHARE).map(|(p, pole)| {
-        let (frequency_error_hz, damping_ratio_error) =
-            errors(pole, &without).map_or((None, None), |(hz, zeta)| (Some(hz), Some(zeta)));
+    let found = residues(&all, &poles).ok_or(RunningModesError::Alike)?;
+    let cycle_hz = if turn_s.is_finite() { 1.0 / (TURNS * turn_s) } else { 0.0 };
+    let errors = errors(&poles, &without);
+    let shown = (0..poles.len()).filter(|p| found.shares[*p] >= LEAST_SHARE);
+    let modes = shown.map(|p| {
+        let pole = &poles[p];
+        let stronger = (0..poles.len()).filter(|o| found.shares[*o] > found.shares[p]).map(|o| &poles[o]);
         RunningMode {
             frequency_hz: pole.frequency_hz(),
             damping_ratio: pole.damping_ratio(),
-            frequency_error_hz,
-            damping_ratio_error,
+            frequency_error_hz: errors[p].map(|(hz, _)| hz),
+            damping_ratio_error: errors[p].map(|(_, zeta)| zeta),
             orders: pole.orders,
             share: found.shares[p],
+            side_band_of_hz: if varies > STEADY { side_band_of(pole, stronger, cycle_hz) } else { None },
             moves: rig.parts(&found.sizes[p]),
         }
     });
@@ -242,18 +275,45 @@ pub fn running_modes(model: &Model, state: State, plan: &KickPlan) -> Result<Run
         left: found.left,
         varies,
         nonlinear,
+        driver_rad_s,
+        cycle_hz,
         kicked: rig.names(),
         instants,
         kick_j: KICK_J,
-        steps,
     })
 }
 
-/// A turn of the driver, and a tooth of it [s]; infinite where it stands still.
-fn periods(model: &Model) -> (f64, f64) {
+/// The first of stronger poles that a pole may be a side band of [Hz].
+fn side_band_of<'a>(pole: &StablePole, stronger: impl Iterator<Item = &'a StablePole>, cycle_hz: f64) -> Option<f64> {
+    if cycle_hz <= 0.0 {
+        return None;
+    }
+    let hz = |p: &StablePole| p.rad_s / (2.0 * PI);
+    let mut of = stronger.filter(|other| {
+        let apart = (hz(pole) - hz(other)).abs() / cycle_hz;
+        let whole = libm::round(apart);
+        let is_apart = whole >= 1.0 && (apart - whole).abs() * cycle_hz < SIDE_BAND * hz(pole);
+        is_apart && (pole.decay_per_s - other.decay_per_s).abs() < SAME_DECAY * other.decay_per_s.abs()
+    });
+    of.next().map(StablePole::frequency_hz)
+}
+
+/// Speed of the driver at the half step before a State [rad/s].
+fn driver_rad_s(model: &Model, state: &State) -> f64 {
     let driver = &model.sprockets[model.driver];
-    let turn_s = 2.0 * PI / driver.nominal_speed_rad_s.abs();
-    (turn_s, turn_s / f64::from(driver.geometry.teeth()))
+    let own = &model.coordinates[driver.coordinate];
+    match own.motion {
+        CoordinateMotion::Prescribed { .. } if model.driver_motion.is_none() => driver.nominal_speed_rad_s,
+        CoordinateMotion::Prescribed { .. } | CoordinateMotion::Free { .. } | CoordinateMotion::Held => {
+            state.coordinates.omega[driver.coordinate]
+        }
+    }
+}
+
+/// A turn of the driver, and a tooth of it [s]; infinite where it stands still.
+fn periods(model: &Model, driver_rad_s: f64) -> (f64, f64) {
+    let turn_s = 2.0 * PI / driver_rad_s.abs();
+    (turn_s, turn_s / f64::from(model.sprockets[model.driver].geometry.teeth()))
 }
 
 /// Responses of several kicks beside each other.
@@ -284,19 +344,43 @@ fn ratio(values: &[DMatrix<f64>], than: &[DMatrix<f64>]) -> f64 {
     libm::sqrt(difference / size)
 }
 
-/// Standard errors of a pole's frequency and damping by leaving out the kicks of one instant after the other.
-fn errors(pole: &StablePole, without: &[Vec<StablePole>]) -> Option<(f64, f64)> {
-    let same = |poles: &Vec<StablePole>| {
-        let nearest = poles.iter().min_by(|a, b| pole.distance(a).total_cmp(&pole.distance(b)))?;
-        (pole.distance(nearest) < SAME_MODE).then_some(*nearest)
-    };
-    let found: Vec<StablePole> = without.iter().map(same).collect::<Option<_>>()?;
-    let n = found.len() as f64;
-    let spread = |of: fn(&StablePole) -> f64| {
+/// Standard errors of the frequency and damping of every pole by leaving out the kicks of one instant after the other. None where a pole is not found
+/// again without the kicks of one: poles are paired, the nearest first, each with one, and none beyond half the way to the next pole.
+fn errors(poles: &[StablePole], without: &[Vec<StablePole>]) -> Vec<Option<(f64, f64)>> {
+    let reach: Vec<f64> = (0..poles.len())
+        .map(|p| {
+            let others = poles.iter().enumerate().filter(|(o, _)| *o != p);
+            others.map(|(_, other)| 0.5 * poles[p].distance(other)).fold(SAME_MODE, f64::min)
+        })
+        .collect();
+    let mut found: Vec<Vec<StablePole>> = vec![Vec::new(); poles.len()];
+    for others in without {
+        let mut pairs: Vec<(usize, usize, f64)> = (0..poles.len())
+            .flat_map(|p| (0..others.len()).map(move |o| (p, o)))
+            .map(|(p, o)| (p, o, poles[p].distance(&others[o])))
+            .filter(|(p, _, distance)| *distance < reach[*p])
+            .collect();
+        pairs.sort_by(|a, b| a.2.total_cmp(&b.2));
+        let (mut taken_poles, mut taken) = (vec![false; poles.len()], vec![false; others.len()]);
+        for (p, o, _) in pairs {
+            if !taken_poles[p] && !taken[o] {
+                (taken_poles[p], taken[o]) = (true, true);
+                found[p].push(others[o]);
+            }
+        }
+    }
+    let spread = |found: &Vec<StablePole>, of: fn(&StablePole) -> f64| {
+        let n = found.len() as f64;
         let middle = found.iter().map(of).sum::<f64>() / n;
         libm::sqrt((n - 1.0) / n * found.iter().map(|p| (of(p) - middle).powi(2)).sum::<f64>())
     };
-    (n > 1.0).then(|| (spread(StablePole::frequency_hz), spread(StablePole::damping_ratio)))
+    let is_whole = |own: &Vec<StablePole>| own.len() > 1 && own.len() == without.len();
+    found
+        .iter()
+        .map(|own| {
+            is_whole(own).then(|| (spread(own, StablePole::frequency_hz), spread(own, StablePole::damping_ratio)))
+        })
+        .collect()
 }
 
 impl<'a> Rig<'a> {

@@ -3,13 +3,14 @@
 use super::run::duration;
 use super::{Failure, Outcome, load_drive, print_json, print_out};
 use crate::analysis::mode_shapes::{LinkPlaces, MovingPart, motion, pitch_m, wave_speed_m_s};
-use crate::analysis::running_modes::{KickPlan, RunningMode, RunningModes, running_modes};
+use crate::analysis::running_modes::{KickPlan, RunningMode, RunningModes, STEADY, running_modes};
 use crate::assemble::{assemble, at_rest};
 use crate::drive::Drive;
 use crate::model::Model;
 use crate::recording::capture;
 use crate::recording::{ViewOptions, create};
 use crate::statics::{Mode, Plungers, modes};
+use crate::units::RPM;
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -71,7 +72,7 @@ const LISTEN_PERIODS: f64 = 30.0;
 const LISTEN_S: f64 = 0.1;
 /// Shares from which on a reader is told what they mean for the table. assumed.
 const MUCH_LEFT: f64 = 0.05;
-const VARIES: f64 = 0.2;
+const RUNS_UP: f64 = 0.05;
 const NONLINEAR: f64 = 0.02;
 
 impl ModesArgs {
@@ -159,14 +160,15 @@ fn of_running(args: &ModesArgs, drive: &Drive) -> Result<Outcome, Failure> {
         highest_hz: args.below_hz(),
         threads: std::thread::available_parallelism().map_or(1, usize::from),
     };
-    let speed_m_s = assembly.model.chain_speeds_m_s.first().copied().unwrap_or(0.0).abs();
     let found = running_modes(&assembly.model, assembly.state, &plan)
-        .map_err(|e| Failure::Input(format!("{}: {e}", drive.name)))?;
+        .map_err(|e| Failure::Input(format!("{}: {e} (--listen, --below)", drive.name)))?;
+    let driver = &assembly.model.sprockets[assembly.model.driver];
+    let speed_m_s = (found.driver_rad_s[0] * driver.geometry.rolling_radius_m()).abs();
     if args.json {
         return print_json(&serde_json::json!({
             "drive": drive.name, "running": true, "chain_speed_m_s": speed_m_s, "below_hz": args.below_hz(), "settle_s": args.settle, "listen_s": args.listen_s(),
             "modes": found.modes, "orders": found.orders, "left": found.left, "varies": found.varies, "nonlinear": found.nonlinear,
-            "kicked": found.kicked, "instants": found.instants, "kick_j": found.kick_j, "steps": found.steps,
+            "kicked": found.kicked, "instants": found.instants, "kick_j": found.kick_j, "driver_rad_s": found.driver_rad_s, "cycle_hz": found.cycle_hz,
         }));
     }
     print_out(&text_of_running(args, &drive.name, speed_m_s, &found))
@@ -186,7 +188,7 @@ fn text_of_running(args: &ModesArgs, name: &str, speed_m_s: f64, found: &Running
         },
         1e3 * args.listen_s()
     );
-    text += "           Hz     +-   damping %     +-  orders  share %   what moves, by kinetic energy\n";
+    text += "           Hz     +-   damping %     +-    fits  share %   what moves, by kinetic energy\n";
     let error = |value: Option<f64>| value.map_or("-".to_string(), |v| format!("{v:.2}"));
     for mode in &found.modes {
         let RunningMode { frequency_hz, damping_ratio, frequency_error_hz, damping_ratio_error, .. } = mode;
@@ -200,7 +202,10 @@ fn text_of_running(args: &ModesArgs, name: &str, speed_m_s: f64, found: &Running
             error(damping_ratio_error.map(|zeta| 100.0 * zeta)),
             format!("{}/{}", mode.orders, found.orders),
             100.0 * mode.share,
-            named.join(", ")
+            match mode.side_band_of_hz {
+                Some(hz) => format!("perhaps a side band of {hz:.2} Hz; {}", named.join(", ")),
+                None => named.join(", "),
+            }
         );
     }
     if found.modes.is_empty() {
@@ -208,7 +213,7 @@ fn text_of_running(args: &ModesArgs, name: &str, speed_m_s: f64, found: &Running
     }
     let _infallible = writeln!(
         text,
-        "{:.1} % of the responses' square is left; responses of one instant differ from the mean by {:.0} %; ten times the kick changes a response by {:.1} %",
+        "{:.1} % of the mean responses' square is left; responses of one instant differ from the mean by {:.0} %; ten times the speed of a kick changes its response by {:.1} %",
         100.0 * found.left,
         100.0 * found.varies,
         100.0 * found.nonlinear
@@ -216,8 +221,21 @@ fn text_of_running(args: &ModesArgs, name: &str, speed_m_s: f64, found: &Running
     if found.left > MUCH_LEFT {
         text += "much is left: a longer --listen, more --kicks or a lower --below may tell modes apart\n";
     }
-    if found.varies > VARIES {
-        text += "the drive's stiffness changes over its cycle (strands slacken, contacts open): frequencies are those of the mean\n";
+    if found.varies > STEADY {
+        let _infallible = writeln!(
+            text,
+            "the drive changes over its cycle (strands slacken, contacts open): modes have side bands {:.2} Hz apart, which move with the speed",
+            found.cycle_hz
+        );
+    }
+    let [first, last] = found.driver_rad_s;
+    if (last - first).abs() > RUNS_UP * first.abs() {
+        let _infallible = writeln!(
+            text,
+            "the driver's speed changes from {:.0} to {:.0} 1/min between the first and the last kick: these are modes of no one speed",
+            first.abs() / RPM,
+            last.abs() / RPM
+        );
     }
     if found.nonlinear > NONLINEAR {
         text += "responses do not grow with the kick: the motion is not smooth about the instant, or not stable\n";

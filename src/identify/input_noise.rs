@@ -77,7 +77,7 @@ pub(super) fn moved_by_input_noise(model: &FittedModel, threads: usize) -> Vec<f
     let slope = |g: usize| -> Option<f64> {
         let step = standard_error(model, g);
         let (low, high) = problem.globals[g].law.bounds();
-        let sides = [here[g] + step, here[g] - step].into_iter().filter(|x| (low..=high).contains(x));
+        let sides = [here[g] + step, here[g] - step].into_iter().filter(|x| x.is_finite() && (low..=high).contains(x));
         let of_side = |to: f64| {
             let mut x = here.clone();
             x[g] = to;

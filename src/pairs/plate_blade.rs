@@ -78,13 +78,14 @@ struct BentPoint {
 }
 
 impl BentPoint {
-    /// Goes on by a little way along the drawn contour of this curvature, by the Taylor series: what is left out of the point itself is the third power
-    /// of the way.
+    /// Goes on by a little way along the drawn contour of this curvature, within one element of it and of the beam, by the Taylor series: what is left out
+    /// of the point and of the normal is the third power of the way.
     #[inline(always)]
     fn go(&mut self, way: f64, curvature: f64) {
         self.at += self.first * way + self.second * (0.5 * way * way);
         self.first += self.second * way;
-        self.normal += perp(self.normal) * (curvature * way);
+        let turn = curvature * way;
+        self.normal += perp(self.normal) * turn - self.normal * (0.5 * turn * turn);
         let BladePoint { value, slope, bend, .. } = &mut self.point;
         for i in 0..4 {
             value[i] += way * (slope[i] + 0.5 * way * bend[i]);
@@ -210,6 +211,12 @@ impl Blade {
         }
     }
 
+    /// Whether a place lies on this element of the beam.
+    #[inline(always)]
+    fn is_on_element(&self, s: f64, element: usize) -> bool {
+        self.nodes[element] <= s && s <= self.nodes[element + 1]
+    }
+
     /// Index of the element of the profile at a place.
     #[inline(always)]
     fn bend_at(&self, s: f64) -> usize {
@@ -288,10 +295,10 @@ impl Blade {
             let by = step(&p);
             let by = if by > LONGEST_WAY_M { LONGEST_WAY_M } else { by };
             let next = inside(s + if by < 0.0 - LONGEST_WAY_M { 0.0 - LONGEST_WAY_M } else { by });
-            let way = next - s;
+            let (way, from) = (next - s, self.bend_at(s));
             s = next;
-            if way.abs() < NEAR_PLACE_M {
-                p.go(way, self.bends[self.bend_at(s)].1);
+            if way.abs() < NEAR_PLACE_M && self.bend_at(s) == from && self.is_on_element(s, p.point.element) {
+                p.go(way, self.bends[from].1);
                 break;
             }
             p = self.bent_at(body, bent, s);
@@ -394,7 +401,7 @@ impl Blade {
         let into = |x: f64, y: f64| Vec2::new(c * x + s * y, c * y - s * x);
         let back = |v: Vec2| Vec2::new(c * v.x - s * v.y, s * v.x + c * v.y);
         for i in 0..LANES {
-            // Bending moves no point further than that: the lane stays as far from touching as it is from the drawn contour.
+            // Bending moves no point further towards the chain: the lane is at least as far from touching as that.
             if !found.here[i] || lanes.penetration[i] < -far_m {
                 continue;
             }
@@ -581,6 +588,23 @@ mod tests {
             supports,
             damping_ratio: 0.0,
             modes,
+        }
+    }
+
+    /// Deflections at random: no point lies further outwards than the bound, and the bound is not far off.
+    #[test]
+    fn no_point_is_bent_further_outwards_than_the_bound() {
+        let supports = vec![(0.0, Support::Pin), (LENGTH_M, Support::Pin)];
+        let blade = Blade::new(&body(Some(0.1)), &beam(supports, 6)).expect("a blade");
+        let mut random = crate::random::SplitMix::of(&[5]);
+        let mut bent = Deflection::default();
+        for _ in 0..200 {
+            let q: Vec<f64> = blade.modes.iter().map(|_| 1e-3 * (random.uniform() - 0.5)).collect();
+            blade.deflection(q.into_iter(), &mut bent);
+            let at = |k: usize| bent.value_at(&blade.point(LENGTH_M * k as f64 / 1000.0));
+            let most = (0..=1000).map(at).fold(0.0, f64::max);
+            let bound = blade.most_outward_m(&bent);
+            assert!(most <= bound && bound < most + 2e-4, "{most} {bound}");
         }
     }
 

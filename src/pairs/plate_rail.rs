@@ -210,8 +210,9 @@ const NO_FACING_PIECE_M: f64 = -1.0;
 #[inline(always)]
 pub fn face_nothing(lanes: &mut Lanes) -> RailContactLanes {
     let zero = [0.0; LANES];
+    lanes.release();
     (lanes.x, lanes.y, lanes.vx, lanes.vy, lanes.ax, lanes.ay) = (zero, zero, zero, zero, zero, zero);
-    (lanes.omega, lanes.lever, lanes.curvature, lanes.age) = (zero, zero, zero, zero);
+    (lanes.omega, lanes.lever, lanes.curvature) = (zero, zero, zero);
     (lanes.normal_x, lanes.normal_y) = (zero, [1.0; LANES]);
     (lanes.penetration, lanes.body_radius) = ([NO_FACING_PIECE_M; LANES], [f64::INFINITY; LANES]);
     RailContactLanes::default()

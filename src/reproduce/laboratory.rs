@@ -62,7 +62,7 @@ pub struct ClaimTrial {
 
 /// What is looked at less than this is not resolved by frames [s].
 const EVERY_S: f64 = 50e-6;
-/// How long a kicked copy of a running drive is followed: the default of `modes --running` [s].
+/// How long a kicked copy of a running drive is followed [s].
 const LISTEN_S: f64 = 0.1;
 
 impl ClaimTrial {
@@ -180,9 +180,10 @@ impl ClaimTrial {
                 format!("modes {}{set} --plungers {plungers} --below {below_hz}", self.drive)
             }
             TrialWork::Running { settle_s, instants, below_hz } => format!(
-                "modes {}{set} --running --settle {:.1}ms --kicks {instants} --below {below_hz}",
+                "modes {}{set} --running --settle {:.1}ms --listen {:.0}ms --kicks {instants} --below {below_hz}",
                 self.drive,
-                1e3 * settle_s
+                1e3 * settle_s,
+                1e3 * LISTEN_S
             ),
             TrialWork::Rest => format!("modes {}{set}", self.drive),
         }

@@ -219,3 +219,21 @@ pub(super) fn aligned_windows(own: &Range<usize>, near: impl Fn(usize) -> bool) 
     }
     windows
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn windows_are_parted_where_others_lie_over_them() {
+        let window = |start: usize, end: usize, shared: bool| Window { start: start * LANES, end: end * LANES, shared };
+        let mut windows =
+            vec![vec![window(0, 4, false), window(6, 7, false)], vec![window(3, 5, false)], vec![window(2, 3, false)]];
+        // The third competes with none.
+        assert!(mark_shared(&mut windows, |a, b| a != 2 && b != 2));
+        assert_eq!(windows[0], [window(0, 3, false), window(3, 4, true), window(6, 7, false)]);
+        assert_eq!(windows[1], [window(3, 4, true), window(4, 5, false)]);
+        assert_eq!(windows[2], [window(2, 3, false)]);
+        assert!(!mark_shared(&mut [vec![window(0, 1, false)], vec![window(1, 2, false)]], |_, _| true));
+    }
+}
