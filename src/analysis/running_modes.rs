@@ -15,7 +15,6 @@
 use super::decay::{LowPass, PASSED};
 use super::mode_shapes::{LinkPlaces, MovingPart};
 use super::realisation::{ImpulseResponses, StablePole, residues, stable_poles};
-use crate::elements::coordinate::CoordinateMotion;
 use crate::geometry::{Vec2, perp};
 use crate::integrate::explicit::Scratch;
 use crate::integrate::{StepError, scheme};
@@ -70,7 +69,7 @@ pub struct RunningModes {
     pub varies: f64,
     /// By how much the response of what is kicked first to ten times the speed differs from ten times its response, over it, at the first instant.
     pub nonlinear: f64,
-    /// Speed of the driver at the first kick and at the last [rad/s].
+    /// Mean speed of the driver before the first kick, over two turns, and from the first kick to the last [rad/s].
     pub driver_rad_s: [f64; 2],
     /// Frequency of the cycle over which kicks are spread, two turns of the driver [Hz]; zero where it stands still.
     pub cycle_hz: f64,
@@ -187,13 +186,26 @@ pub fn running_modes(model: &Model, state: State, plan: &KickPlan) -> Result<Run
         }
         Ok(())
     };
-    go(&mut base, (plan.settle_s / step_s) as u64)?;
+    // The driver's mean speed over the last two turns before the first kick: orders are left out, a run-up is not.
+    let driver = &model.sprockets[model.driver];
+    let angle = |state: &State| state.coordinates.angle[driver.coordinate];
+    let settling = (plan.settle_s / step_s) as u64;
+    let two_turns = (TURNS * periods(model, driver.nominal_speed_rad_s).0 / step_s) as u64;
+    let looked_at = two_turns.min(settling);
+    go(&mut base, settling - looked_at)?;
+    let before = angle(&base);
+    go(&mut base, looked_at)?;
+    let whole_s = looked_at as f64 * step_s;
+    let first_rad_s = if looked_at == two_turns && looked_at > 0 {
+        (angle(&base) - before) / whole_s
+    } else {
+        driver.nominal_speed_rad_s
+    };
     let rig = Rig::new(model, &base);
     if rig.kicked.is_empty() {
         return Err(RunningModesError::NothingMoves);
     }
     // A copy of the run for every instant.
-    let first_rad_s = driver_rad_s(model, &base);
     let (turn_s, tooth_s) = periods(model, first_rad_s);
     let instants = if turn_s.is_finite() { plan.instants.max(1) } else { 1 };
     let mut after: Vec<u64> = (1..instants)
@@ -205,13 +217,14 @@ pub fn running_modes(model: &Model, state: State, plan: &KickPlan) -> Result<Run
         .collect();
     after.sort_unstable();
     let mut starts = vec![base.clone()];
-    let mut gone = 0;
+    let (mut gone, at_first) = (0, angle(&base));
     for steps in after {
         go(&mut base, steps - gone)?;
         gone = steps;
         starts.push(base.clone());
     }
-    let driver_rad_s = [first_rad_s, driver_rad_s(model, &base)];
+    let kicked_s = gone as f64 * step_s;
+    let driver_rad_s = [first_rad_s, if gone > 0 { (angle(&base) - at_first) / kicked_s } else { first_rad_s }];
     // Every instant's run once a part; parts as many as keep the threads busy.
     let parts = plan.threads.div_ceil(instants).clamp(1, rig.kicked.len());
     let width = rig.kicked.len().div_ceil(parts);
@@ -296,18 +309,6 @@ fn side_band_of<'a>(pole: &StablePole, stronger: impl Iterator<Item = &'a Stable
         is_apart && (pole.decay_per_s - other.decay_per_s).abs() < SAME_DECAY * other.decay_per_s.abs()
     });
     of.next().map(StablePole::frequency_hz)
-}
-
-/// Speed of the driver at the half step before a State [rad/s].
-fn driver_rad_s(model: &Model, state: &State) -> f64 {
-    let driver = &model.sprockets[model.driver];
-    let own = &model.coordinates[driver.coordinate];
-    match own.motion {
-        CoordinateMotion::Prescribed { .. } if model.driver_motion.is_none() => driver.nominal_speed_rad_s,
-        CoordinateMotion::Prescribed { .. } | CoordinateMotion::Free { .. } | CoordinateMotion::Held => {
-            state.coordinates.omega[driver.coordinate]
-        }
-    }
 }
 
 /// A turn of the driver, and a tooth of it [s]; infinite where it stands still.

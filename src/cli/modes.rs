@@ -232,7 +232,7 @@ fn text_of_running(args: &ModesArgs, name: &str, speed_m_s: f64, found: &Running
     if (last - first).abs() > RUNS_UP * first.abs() {
         let _infallible = writeln!(
             text,
-            "the driver's speed changes from {:.0} to {:.0} 1/min between the first and the last kick: these are modes of no one speed",
+            "the driver turns at {:.0} 1/min before the first kick and at {:.0} from the first to the last: these are modes of no one speed",
             first.abs() / RPM,
             last.abs() / RPM
         );
