@@ -352,6 +352,8 @@ fn numbers(
             let se = standard_errors_off(model, g) * standard_error(model, g);
             let se = libm::hypot(se, moved.get(g).copied().unwrap_or(0.0));
             let se = se * if global.law.logarithm { value.abs() } else { global.law.scale };
+            // What the records say nothing of has no bound.
+            let se = if se.is_nan() { f64::INFINITY } else { se };
             let nameplate = nameplates.get(global.slot).copied();
             let (low, high) = global.law.bounds();
             FittedNumber {
