@@ -73,12 +73,11 @@ impl LinkPlaces {
             let Some(first) = l.clone().find(|lane| is_in_span(*lane).is_none()) else { continue };
             let mut is_open = false;
             for lane in (first..l.end).chain(l.start..first) {
-                match is_in_span(lane) {
-                    Some(name) => match spans.last_mut().filter(|_| is_open) {
+                if let Some(name) = is_in_span(lane) {
+                    match spans.last_mut().filter(|_| is_open) {
                         Some((_, lanes)) => lanes.push(lane),
                         None => spans.push((name.clone(), vec![lane])),
-                    },
-                    None => {}
+                    }
                 }
                 is_open = is_in_span(lane).is_some();
             }

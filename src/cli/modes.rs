@@ -34,8 +34,8 @@ pub struct ModesArgs {
     #[arg(long, value_name = "T", requires = "running", value_parser = duration)]
     listen: Option<f64>,
     /// With --running: instants of the driver's turns at which copies are kicked
-    #[arg(long, value_name = "N", default_value = "4", requires = "running", value_parser = clap::value_parser!(u64).range(1..=64))]
-    kicks: u64,
+    #[arg(long, value_name = "N", default_value = "4", requires = "running", value_parser = clap::value_parser!(u32).range(1..=64))]
+    kicks: u32,
     /// What plungers of tensioners do: stand on their oil, stand still, or have their springs alone
     #[arg(long, value_name = "HOW", default_value = "oil", value_parser = ["oil", "locked", "open"])]
     plungers: String,
@@ -162,8 +162,8 @@ fn of_running(args: &ModesArgs, drive: &Drive) -> Result<Outcome, Failure> {
     };
     let found = running_modes(&assembly.model, assembly.state, &plan)
         .map_err(|e| Failure::Input(format!("{}: {e} (--listen, --below)", drive.name)))?;
-    let driver = &assembly.model.sprockets[assembly.model.driver];
-    let speed_m_s = (found.driver_rad_s[0] * driver.geometry.rolling_radius_m()).abs();
+    let driver = assembly.model.sprockets.get(assembly.model.driver);
+    let speed_m_s = driver.map_or(0.0, |s| (found.driver_rad_s[0] * s.geometry.rolling_radius_m()).abs());
     if args.json {
         return print_json(&serde_json::json!({
             "drive": drive.name, "running": true, "chain_speed_m_s": speed_m_s, "below_hz": args.below_hz(), "settle_s": args.settle, "listen_s": args.listen_s(),
@@ -178,9 +178,9 @@ fn text_of_running(args: &ModesArgs, name: &str, speed_m_s: f64, found: &Running
     let mut text = format!(
         "{name} running at {speed_m_s:.2} m/s, {:.0} ms after assembly: {} kicked in turn at {} of the driver's turns, followed for {:.0} ms\n",
         1e3 * args.settle,
-        match found.kicked.len() {
-            1 => found.kicked[0].clone(),
-            n => format!("{n} parts"),
+        match found.kicked.as_slice() {
+            [one] => one.clone(),
+            several => format!("{} parts", several.len()),
         },
         match found.instants {
             1 => "1 instant".to_string(),
