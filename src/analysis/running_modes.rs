@@ -178,81 +178,14 @@ pub fn running_modes(model: &Model, state: State, plan: &KickPlan) -> Result<Run
     if raw < needed {
         return Err(RunningModesError::Short(needed as f64 * interval_s));
     }
-    let mut base = state;
-    let mut scratch = Scratch::new(model);
-    let mut go = |base: &mut State, count: u64| -> Result<(), RunningModesError> {
-        for _ in 0..count {
-            scheme::step(model, base, &mut scratch).map_err(RunningModesError::Run)?;
-        }
-        Ok(())
-    };
-    // The driver's mean speed over the last two turns before the first kick: orders are left out, a run-up is not.
-    let driver = &model.sprockets[model.driver];
-    let angle = |state: &State| state.coordinates.angle[driver.coordinate];
-    let settling = (plan.settle_s / step_s) as u64;
-    let two_turns = (TURNS * periods(model, driver.nominal_speed_rad_s).0 / step_s) as u64;
-    let looked_at = two_turns.min(settling);
-    go(&mut base, settling - looked_at)?;
-    let before = angle(&base);
-    go(&mut base, looked_at)?;
-    let whole_s = looked_at as f64 * step_s;
-    let first_rad_s = if looked_at == two_turns && looked_at > 0 {
-        (angle(&base) - before) / whole_s
-    } else {
-        driver.nominal_speed_rad_s
-    };
-    let rig = Rig::new(model, &base);
+    let begun = Begun::new(model, state, plan)?;
+    let rig = Rig::new(model, &begun.starts[0]);
     if rig.kicked.is_empty() {
         return Err(RunningModesError::NothingMoves);
     }
-    // A copy of the run for every instant.
-    let (turn_s, tooth_s) = periods(model, first_rad_s);
-    let instants = if turn_s.is_finite() { plan.instants.max(1) } else { 1 };
-    let mut after: Vec<u64> = (1..instants)
-        .map(|k| {
-            let phase = TOOTH_SHARE * k as f64;
-            (TURNS * turn_s * k as f64 / instants as f64 + (phase - libm::floor(phase)) * tooth_s) / step_s
-        })
-        .map(|steps| steps as u64)
-        .collect();
-    after.sort_unstable();
-    let mut starts = vec![base.clone()];
-    let (mut gone, at_first) = (0, angle(&base));
-    for steps in after {
-        go(&mut base, steps - gone)?;
-        gone = steps;
-        starts.push(base.clone());
-    }
-    let kicked_s = gone as f64 * step_s;
-    let driver_rad_s = [first_rad_s, if gone > 0 { (angle(&base) - at_first) / kicked_s } else { first_rad_s }];
-    // Every instant's run once a part; parts as many as keep the threads busy.
-    let parts = plan.threads.div_ceil(instants).clamp(1, rig.kicked.len());
-    let width = rig.kicked.len().div_ceil(parts);
-    let jobs: Vec<(usize, std::ops::Range<usize>)> = (0..instants)
-        .flat_map(|k| (0..rig.kicked.len()).step_by(width).map(move |from| (k, from)))
-        .map(|(k, from)| (k, from..(from + width).min(rig.kicked.len())))
-        .collect();
-    let kick_m = libm::sqrt(KICK_J);
-    let heard = parallel(jobs.len() + 1, plan.threads, |j| match jobs.get(j) {
-        Some((k, inputs)) => {
-            let kicks: Vec<(usize, f64)> = inputs.clone().map(|i| (i, kick_m)).collect();
-            rig.listen(&starts[*k], &kicks, (raw, stride), &filter)
-        }
-        None => rig.listen(&starts[0], &[(0, HARDER * kick_m)], (raw, stride), &filter),
-    });
-    let mut heard = heard.into_iter().collect::<Result<Vec<_>, StepError>>().map_err(RunningModesError::Run)?;
-    let harder = heard.pop().unwrap_or_default();
-    let step_s = interval_s * filter.every as f64;
-    let by_instant: Vec<ImpulseResponses> = (0..instants)
-        .map(|k| {
-            let own: Vec<&Vec<DMatrix<f64>>> =
-                jobs.iter().zip(&heard).filter(|((instant, _), _)| *instant == k).map(|(_, h)| h).collect();
-            ImpulseResponses { step_s, values: beside(&own) }
-        })
-        .collect();
+    let (by_instant, nonlinear) = responses(&rig, &begun.starts, plan.threads, (raw, stride), &filter)?;
+    let instants = by_instant.len();
     let all = mean(by_instant.iter());
-    let plain: Vec<DMatrix<f64>> = by_instant[0].values.iter().map(|y| y.columns(0, 1) * HARDER).collect();
-    let nonlinear = ratio(&harder, &plain);
     let squares = by_instant.iter().map(|own| ratio(&own.values, &all.values).powi(2));
     let varies = libm::sqrt(squares.sum::<f64>() / instants as f64);
     let (poles, orders) = stable_poles(&all, plan.highest_hz);
@@ -265,7 +198,6 @@ pub fn running_modes(model: &Model, state: State, plan: &KickPlan) -> Result<Run
         Vec::new()
     };
     let found = residues(&all, &poles).ok_or(RunningModesError::Alike)?;
-    let cycle_hz = if turn_s.is_finite() { 1.0 / (TURNS * turn_s) } else { 0.0 };
     let errors = errors(&poles, &without);
     let shown = (0..poles.len()).filter(|p| found.shares[*p] >= LEAST_SHARE);
     let modes = shown.map(|p| {
@@ -278,7 +210,7 @@ pub fn running_modes(model: &Model, state: State, plan: &KickPlan) -> Result<Run
             damping_ratio_error: errors[p].map(|(_, zeta)| zeta),
             orders: pole.orders,
             share: found.shares[p],
-            side_band_of_hz: if varies > STEADY { side_band_of(pole, stronger, cycle_hz) } else { None },
+            side_band_of_hz: if varies > STEADY { side_band_of(pole, stronger, begun.cycle_hz) } else { None },
             moves: rig.parts(&found.sizes[p]),
         }
     });
@@ -288,12 +220,110 @@ pub fn running_modes(model: &Model, state: State, plan: &KickPlan) -> Result<Run
         left: found.left,
         varies,
         nonlinear,
-        driver_rad_s,
-        cycle_hz,
+        driver_rad_s: begun.driver_rad_s,
+        cycle_hz: begun.cycle_hz,
         kicked: rig.names(),
         instants,
         kick_j: KICK_J,
     })
+}
+
+/// A run from its assembled state to the last kick.
+struct Begun {
+    /// The run at every instant.
+    starts: Vec<State>,
+    driver_rad_s: [f64; 2],
+    cycle_hz: f64,
+}
+
+impl Begun {
+    fn new(model: &Model, state: State, plan: &KickPlan) -> Result<Begun, RunningModesError> {
+        let mut base = state;
+        let step_s = model.step_s;
+        let mut scratch = Scratch::new(model);
+        let mut go = |base: &mut State, count: u64| -> Result<(), RunningModesError> {
+            for _ in 0..count {
+                scheme::step(model, base, &mut scratch).map_err(RunningModesError::Run)?;
+            }
+            Ok(())
+        };
+        // The driver's mean speed over the last two turns before the first kick: orders are left out, a run-up is not.
+        let driver = &model.sprockets[model.driver];
+        let angle = |state: &State| state.coordinates.angle[driver.coordinate];
+        let settling = (plan.settle_s / step_s) as u64;
+        let two_turns = (TURNS * periods(model, driver.nominal_speed_rad_s).0 / step_s) as u64;
+        let looked_at = two_turns.min(settling);
+        go(&mut base, settling - looked_at)?;
+        let before = angle(&base);
+        go(&mut base, looked_at)?;
+        let whole_s = looked_at as f64 * step_s;
+        let first_rad_s = if looked_at == two_turns && looked_at > 0 {
+            (angle(&base) - before) / whole_s
+        } else {
+            driver.nominal_speed_rad_s
+        };
+        // A copy of the run for every instant.
+        let (turn_s, tooth_s) = periods(model, first_rad_s);
+        let instants = if turn_s.is_finite() { plan.instants.max(1) } else { 1 };
+        let mut after: Vec<u64> = (1..instants)
+            .map(|k| {
+                let phase = TOOTH_SHARE * k as f64;
+                (TURNS * turn_s * k as f64 / instants as f64 + (phase - libm::floor(phase)) * tooth_s) / step_s
+            })
+            .map(|steps| steps as u64)
+            .collect();
+        after.sort_unstable();
+        let mut starts = vec![base.clone()];
+        let (mut gone, at_first) = (0, angle(&base));
+        for steps in after {
+            go(&mut base, steps - gone)?;
+            gone = steps;
+            starts.push(base.clone());
+        }
+        let kicked_s = gone as f64 * step_s;
+        let driver_rad_s = [first_rad_s, if gone > 0 { (angle(&base) - at_first) / kicked_s } else { first_rad_s }];
+        let cycle_hz = if turn_s.is_finite() { 1.0 / (TURNS * turn_s) } else { 0.0 };
+        Ok(Begun { starts, driver_rad_s, cycle_hz })
+    }
+}
+
+/// Responses at every instant to kicks of all parts, and by how much one of them is not linear.
+fn responses(
+    rig: &Rig<'_>,
+    starts: &[State],
+    threads: usize,
+    (raw, stride): (usize, u64),
+    filter: &LowPass,
+) -> Result<(Vec<ImpulseResponses>, f64), RunningModesError> {
+    let instants = starts.len();
+    // Every instant's run once a part; parts as many as keep the threads busy.
+    let parts = threads.div_ceil(instants).clamp(1, rig.kicked.len());
+    let width = rig.kicked.len().div_ceil(parts);
+    let jobs: Vec<(usize, std::ops::Range<usize>)> = (0..instants)
+        .flat_map(|k| (0..rig.kicked.len()).step_by(width).map(move |from| (k, from)))
+        .map(|(k, from)| (k, from..(from + width).min(rig.kicked.len())))
+        .collect();
+    let kick_m = libm::sqrt(KICK_J);
+    let heard = parallel(jobs.len() + 1, threads, |j| match jobs.get(j) {
+        Some((k, inputs)) => {
+            let kicks: Vec<(usize, f64)> = inputs.clone().map(|i| (i, kick_m)).collect();
+            rig.listen(&starts[*k], &kicks, (raw, stride), filter)
+        }
+        None => rig.listen(&starts[0], &[(0, HARDER * kick_m)], (raw, stride), filter),
+    });
+    let mut heard = heard.into_iter().collect::<Result<Vec<_>, StepError>>().map_err(RunningModesError::Run)?;
+    let harder = heard.pop().unwrap_or_default();
+    let step_s = rig.model.step_s * stride as f64 * filter.every as f64;
+    let by_instant: Vec<ImpulseResponses> = (0..instants)
+        .map(|k| {
+            let own: Vec<&Vec<DMatrix<f64>>> =
+                jobs.iter().zip(&heard).filter(|((instant, _), _)| *instant == k).map(|(_, h)| h).collect();
+            ImpulseResponses { step_s, values: beside(&own) }
+        })
+        .collect();
+    let plain: Vec<DMatrix<f64>> = by_instant[0].values.iter().map(|y| y.columns(0, 1) * HARDER).collect();
+    let nonlinear = ratio(&harder, &plain);
+    Ok((by_instant, nonlinear))
 }
 
 /// The first of stronger poles that a pole may be a side band of [Hz].
