@@ -231,10 +231,10 @@ pub struct RailContactLanes {
 
 /// Geometry and kinematics of one part of the plates of a block of links. The lanes hold the links' centres from the rail's origin, their
 /// velocities and accelerations there, headings, and half pitches as levers; the point of contact's take their place. `bent_m`: how far behind
-/// where it is drawn the rail may lie.
+/// where it is drawn the rail may lie. `far_m`: where all lanes are further from touching than that, they get their penetration and nothing else.
 #[inline(always)]
 pub fn find_contacts(
-    (body, bent_m): (&RailBody, f64),
+    (body, bent_m, far_m): (&RailBody, f64, f64),
     part: PlatePart,
     swing: FrameMotion,
     link_alpha: &LaneBlock,
@@ -247,6 +247,10 @@ pub fn find_contacts(
             Piece::EdgeSupport { point, normal } => nearest.edge_support(index, point, normal),
             Piece::Arc { centre, radius_m, from, to } => nearest.arc(index, part, (centre, radius_m, from, to)),
         }
+    }
+    if nearest.depth.iter().all(|depth| *depth < -far_m) {
+        lanes.penetration = nearest.depth;
+        return nearest.found();
     }
     nearest.move_lanes_to_contacts(part, swing, link_alpha, lanes)
 }
@@ -347,6 +351,16 @@ impl NearestPieces {
         self.here[i] |= nearer;
     }
 
+    /// What is found, of the plate's round ends.
+    #[inline(always)]
+    fn found(&self) -> RailContactLanes {
+        RailContactLanes {
+            here: std::array::from_fn(|i| self.here[i] != 0),
+            piece: self.piece,
+            link_radius: [self.plate_radius_m; LANES],
+        }
+    }
+
     #[inline(always)]
     fn line(&mut self, index: usize, part: PlatePart, (start, along, length_m): (Vec2, Vec2, f64)) {
         for i in 0..LANES {
@@ -388,6 +402,8 @@ impl NearestPieces {
     #[inline(always)]
     fn arc(&mut self, index: usize, part: PlatePart, (centre, radius_m, from, to): (Vec2, f64, Vec2, Vec2)) {
         let sense = if radius_m < 0.0 { -1.0 } else { 1.0 };
+        let zero = [0.0; LANES];
+        let (mut places, mut dx, mut dy, mut faces) = (zero, zero, zero, [0; LANES]);
         for i in 0..LANES {
             let lever = self.lever[i];
             let place = match part {
@@ -398,16 +414,23 @@ impl NearestPieces {
                 }
                 PlatePart::Front | PlatePart::Rear => part.end() * lever,
             };
-            let (dx, dy) = self.vector_from(i, centre, place);
-            let distance = length(dx, dy);
+            (dx[i], dy[i]) = self.vector_from(i, centre, place);
+            faces[i] = mask(from.x * dy[i] - from.y * dx[i] >= 0.0) & mask(dx[i] * to.y - dy[i] * to.x > 0.0);
+            places[i] = place;
+        }
+        // Most blocks of links are beside an arc.
+        if faces.iter().fold(0, |any, own| any | own) == 0 {
+            return;
+        }
+        for i in 0..LANES {
+            let distance = length(dx[i], dy[i]);
             let scale = sense / distance;
-            let (ux, uy) = (dx * scale, dy * scale);
             let own = PieceLane {
-                faces: mask(sense * (from.x * uy - from.y * ux) >= 0.0) & mask(sense * (ux * to.y - uy * to.x) > 0.0),
-                place,
+                faces: faces[i],
+                place: places[i],
                 depth: radius_m + self.plate_radius_m - sense * distance,
-                normal_x: ux,
-                normal_y: uy,
+                normal_x: dx[i] * scale,
+                normal_y: dy[i] * scale,
                 bend: 0.0 - scale,
             };
             self.keep_if_nearer(i, index, radius_m, own);
@@ -425,11 +448,7 @@ impl NearestPieces {
         lanes: &mut Lanes,
     ) -> RailContactLanes {
         let FrameMotion { cos: c, sin: s, omega, alpha, .. } = swing;
-        let mut found = RailContactLanes {
-            here: std::array::from_fn(|i| self.here[i] != 0),
-            piece: self.piece,
-            link_radius: [self.plate_radius_m; LANES],
-        };
+        let mut found = self.found();
         for i in 0..LANES {
             let here = self.here[i];
             let (at, lever) = (self.place[i], self.lever[i]);
@@ -594,7 +613,7 @@ mod tests {
                         (lanes.cos[i], lanes.sin[i]) = (heading.x, heading.y);
                         lanes.lever[i] = LEVER_M;
                     }
-                    let found = find_contacts((&body, 0.0), part, swing, &[0.0; LANES], &mut lanes);
+                    let found = find_contacts((&body, 0.0, f64::INFINITY), part, swing, &[0.0; LANES], &mut lanes);
                     for (i, (centre, heading)) in links.iter().enumerate() {
                         let (c, h) = (rotated(*centre, -angle), rotated(*heading, -angle));
                         let t = body.touch(part, c, h, LEVER_M);
@@ -655,7 +674,7 @@ mod tests {
                     (lanes.omega, lanes.lever) = ([omega; LANES], [LEVER_M; LANES]);
                     (lanes.inverse_mass, lanes.inverse_inertia) = ([1.0 / 3e-3; LANES], [1.0 / 6e-8; LANES]);
                     let swing = FrameMotion::turning(Vec2::zeros(), (1.0, 0.0), swing_omega, swing_alpha);
-                    let found = find_contacts((&body, 0.0), part, swing, &[alpha; LANES], &mut lanes);
+                    let found = find_contacts((&body, 0.0, f64::INFINITY), part, swing, &[alpha; LANES], &mut lanes);
                     let sliding = FrictionInput { mu: 0.0, stick_speed: 0.1, radius: PLATE_M };
                     forces_on_body(
                         &body.law,
@@ -712,7 +731,8 @@ mod tests {
                 let turn = unit(angle);
                 let speed = omega + 0.5 * h * alpha;
                 let swing = FrameMotion::turning(Vec2::zeros(), (turn.x, turn.y), speed, alpha);
-                let found = find_contacts((&body, 0.0), PlatePart::Edge, swing, &[0.0; LANES], &mut lanes);
+                let found =
+                    find_contacts((&body, 0.0, f64::INFINITY), PlatePart::Edge, swing, &[0.0; LANES], &mut lanes);
                 let sliding = FrictionInput { mu: 0.0, stick_speed: 0.1, radius: PLATE_M };
                 let mobility = BodyMobility { inverse_inertia: 1.0 / inertia, inverse_mass: [0.0; 3] };
                 forces_on_body(&body.law, sliding, &found.link_radius, h, (speed, mobility), &mut lanes);

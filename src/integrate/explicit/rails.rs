@@ -7,7 +7,7 @@ use super::{
 };
 use crate::aligned::AlignedColumn;
 use crate::elements::beam::MAX_MODES;
-use crate::elements::body_frame::FrameMotion;
+use crate::elements::body_frame::{BodyMobility, FrameMotion};
 use crate::lanes::{LANES, LaneBlock};
 use crate::model::Model;
 use crate::pairs::bush_tooth::{self, FrictionInput, Lanes};
@@ -25,7 +25,9 @@ pub(super) struct RailColumns {
     pub(super) normal_y: [AlignedColumn; SETS],
 }
 
-pub(super) const SETS: usize = 6;
+pub(super) const SETS: usize = 2 * PARTS;
+/// Parts of a plate: front, rear and edge.
+const PARTS: usize = PlatePart::ALL.len();
 
 impl RailColumns {
     pub(super) fn new(n: usize) -> RailColumns {
@@ -38,96 +40,139 @@ impl RailColumns {
 #[derive(Clone, Default)]
 #[repr(align(64))]
 pub(super) struct PlateLanes {
-    lanes: [Lanes; 3],
-    found: [RailContactLanes; 3],
+    lanes: [Lanes; PARTS],
+    found: [RailContactLanes; PARTS],
     /// Where they touch a rail that bends, and how it moves.
-    on_blade: [BladeLanes; 3],
+    on_blade: [BladeLanes; PARTS],
     blade: BladeMotion,
+}
+
+/// What a step knows of a rail before it looks at links.
+struct RailPass {
+    k: usize,
+    swing: FrameMotion,
+    mobility: BodyMobility,
+    /// No link comes nearer to it within the step [m].
+    reach_m: f64,
+    /// As `reach_m`, to where it is drawn.
+    far_m: f64,
+    /// Blocks of lanes.
+    count: usize,
+}
+
+/// Sums of what links exert on a rail.
+#[derive(Default)]
+struct RailReaction {
+    body: BodyReaction,
+    modes: [f64; MAX_MODES],
 }
 
 /// Contacts of all plates near rail `k`.
 #[inline(always)]
 pub(super) fn contacts<const WATCHED: bool>(model: &Model, state: &State, scratch: &mut Scratch, k: usize) {
     let rail = &model.rails[k];
-    let (body, count) = (&rail.body, model.chain.padded / LANES);
     let swing = rail.frame.motion(&coordinate_columns(model, state));
     let mobility = rail.frame.mobility(&model.coordinates);
     let reach_m =
         (scratch.fastest_m_s + swing.omega.abs() * rail.reach_m + swing.velocity.norm() + bending_m_s(model, state, k))
             * model.step_s;
     let mut own = scratch.plates.take().unwrap_or_default();
-    let PlateLanes { lanes, found, on_blade, blade: bent } = &mut *own;
-    let mut modes = [0.0; MAX_MODES];
     if let Some(blade) = &rail.blade {
-        let q = &state.coordinates;
+        let (q, bent) = (&state.coordinates, &mut own.blade);
         let half_step = 0.5 * model.step_s;
         blade.shape.deflection(blade.modes().map(|k| q.angle[k]), &mut bent.way);
         blade.shape.deflection(blade.modes().map(|k| q.omega[k] + half_step * q.alpha[k]), &mut bent.speed);
         blade.shape.deflection(blade.modes().map(|k| q.alpha[k]), &mut bent.acceleration);
     }
-    let far_m = reach_m + rail.blade.as_ref().map_or(0.0, |blade| blade.shape.most_outward_m(&bent.way));
-    let mut given = BodyReaction::default();
+    let far_m = reach_m + rail.blade.as_ref().map_or(0.0, |blade| blade.shape.most_outward_m(&own.blade.way));
+    let pass = RailPass { k, swing, mobility, reach_m, far_m, count: model.chain.padded / LANES };
+    let mut given = RailReaction::default();
     for w in 0..scratch.rail_windows[k].len() {
         let Window { start, end, shared } = scratch.rail_windows[k][w];
         for block in start / LANES..end / LANES {
-            let at = block * LANES;
-            let begun = scratch.counts.is_some().then(Instant::now);
-            find_contacts(model, state, scratch, (k, shared), at, swing, lanes, found);
-            if let Some(blade) = &rail.blade {
-                for (i, part) in PlatePart::ALL.into_iter().enumerate() {
-                    let levers = take(&model.chain.lever, at);
-                    let own = (&mut found[i], &mut lanes[i]);
-                    blade.shape.bend_lanes(body, (part, &levers), far_m, &swing, bent, own, &mut on_blade[i]);
-                }
-            }
-            let sets: [usize; 3] = std::array::from_fn(|part| 3 * body.side + part);
-            let near = |lanes: &Lanes| lanes.penetration.iter().any(|p| *p > -reach_m);
-            let held = |set: usize| {
-                take(&state.contacts[ContactGroup::Rails(set).index()].age, at).iter().any(|age| *age != 0.0)
-            };
-            if !shared && !lanes.iter().any(near) && !sets.into_iter().any(held) {
-                for set in sets {
-                    super::memory_of(state, scratch, ContactGroup::Rails(set).index(), count).clear_block(block);
-                }
-                count_query(scratch, k, None, begun);
-                continue;
-            }
-            for ((lanes, set), touches) in lanes.iter_mut().zip(sets).zip(body.touches) {
-                if touches || shared {
-                    super::memory_of(state, scratch, ContactGroup::Rails(set).index(), count).load_past(block, lanes);
-                }
-            }
-            transfer_contacts(lanes, found);
-            for (((lanes, found), on_blade), set) in lanes.iter_mut().zip(found.iter()).zip(on_blade.iter()).zip(sets) {
-                // A part of which nothing is near and nothing was held exerts nothing.
-                if !shared && !near(lanes) && lanes.age.iter().all(|age| *age == 0.0) && !held(set) {
-                    super::memory_of(state, scratch, ContactGroup::Rails(set).index(), count).clear_block(block);
-                    continue;
-                }
-                let sliding =
-                    FrictionInput { mu: body.friction, stick_speed: body.stick_speed_m_s, radius: body.plate_radius_m };
-                let (law, h) = (&body.law, model.step_s);
-                bush_tooth::forces_on_body(law, sliding, &found.link_radius, h, (swing.omega, mobility), lanes);
-                scratch.end_forces[block].add(lanes);
-                if let Some(blade) = &rail.blade {
-                    blade.shape.give_back(lanes, on_blade, &mut modes);
-                }
-                given.add(!rail.frame.shifts.is_empty(), [&lanes.force_x, &lanes.force_y, &lanes.torque]);
-                if WATCHED {
-                    observe(model, scratch, k, (at, shared), set, (lanes, found));
-                }
-                store(state, scratch, (k, shared), (at, set), (lanes, found), count);
-            }
-            count_query(scratch, k, Some(lanes), begun);
+            block_contacts::<WATCHED>(model, state, scratch, &pass, (block, shared), &mut own, &mut given);
         }
     }
     if let Some(blade) = &rail.blade {
-        for (k, force) in blade.modes().zip(modes) {
+        for (k, force) in blade.modes().zip(given.modes) {
             scratch.chain_torque[k] += force;
         }
     }
-    given.give_back(&rail.frame, &mut scratch.chain_torque);
+    given.body.give_back(&rail.frame, &mut scratch.chain_torque);
     scratch.plates = Some(own);
+}
+
+/// Contacts of a block of links with a rail.
+#[inline(always)]
+fn block_contacts<const WATCHED: bool>(
+    model: &Model,
+    state: &State,
+    scratch: &mut Scratch,
+    pass: &RailPass,
+    (block, shared): (usize, bool),
+    own: &mut PlateLanes,
+    given: &mut RailReaction,
+) {
+    let RailPass { k, swing, reach_m, count, .. } = *pass;
+    let (rail, body, at) = (&model.rails[k], &model.rails[k].body, block * LANES);
+    let PlateLanes { lanes, found, on_blade, blade: bent } = own;
+    // What parts of plates no piece of the rail is for exert nothing, but another rail may have its contacts there.
+    let active = if shared { [true; PARTS] } else { body.touches };
+    let parts = || (0..PARTS).filter(|part| active[*part]);
+    let group_of = |part: usize| ContactGroup::Rails(PARTS * body.side + part).index();
+    let near = |lanes: &Lanes| lanes.penetration.iter().any(|p| *p > -reach_m);
+    let held = |part: usize| take(&state.contacts[group_of(part)].age, at).iter().any(|age| *age != 0.0);
+    let held: [bool; PARTS] = std::array::from_fn(|part| active[part] && held(part));
+    let begun = scratch.counts.is_some().then(Instant::now);
+    for part in (0..PARTS).filter(|part| !active[*part]) {
+        super::memory_of(state, scratch, group_of(part), count).clear_block(block);
+    }
+    // What a contact remembers may go from one part to another.
+    let looked_at_m = if shared || held != [false; PARTS] { f64::INFINITY } else { pass.far_m };
+    find_contacts(model, state, scratch, (pass, shared, looked_at_m), at, active, lanes, found);
+    if let Some(blade) = &rail.blade {
+        for part in parts() {
+            let levers = take(&model.chain.lever, at);
+            let own = (&mut found[part], &mut lanes[part]);
+            let part_of_plate = (PlatePart::ALL[part], &levers);
+            blade.shape.bend_lanes(body, part_of_plate, pass.far_m, &swing, bent, own, &mut on_blade[part]);
+        }
+    }
+    if !shared && !parts().any(|part| near(&lanes[part]) || held[part]) {
+        for part in parts() {
+            super::memory_of(state, scratch, group_of(part), count).clear_block(block);
+        }
+        return count_query(scratch, k, None, begun);
+    }
+    for part in parts() {
+        super::memory_of(state, scratch, group_of(part), count).load_past(block, &mut lanes[part]);
+    }
+    if active == [true; PARTS] {
+        transfer_contacts(lanes, found);
+    }
+    for part in parts() {
+        let (lanes, found) = (&mut lanes[part], &found[part]);
+        // A part of which nothing is near and nothing was held exerts nothing.
+        if !shared && !near(lanes) && !held[part] && lanes.age.iter().all(|age| *age == 0.0) {
+            super::memory_of(state, scratch, group_of(part), count).clear_block(block);
+            continue;
+        }
+        let sliding =
+            FrictionInput { mu: body.friction, stick_speed: body.stick_speed_m_s, radius: body.plate_radius_m };
+        let turns = (swing.omega, pass.mobility);
+        bush_tooth::forces_on_body(&body.law, sliding, &found.link_radius, model.step_s, turns, lanes);
+        scratch.end_forces[block].add(lanes);
+        if let Some(blade) = &rail.blade {
+            blade.shape.give_back(lanes, &on_blade[part], &mut given.modes);
+        }
+        given.body.add(!rail.frame.shifts.is_empty(), [&lanes.force_x, &lanes.force_y, &lanes.torque]);
+        let set = PARTS * body.side + part;
+        if WATCHED {
+            observe(model, scratch, k, (at, shared), set, (lanes, found));
+        }
+        store(state, scratch, (k, shared), (at, set), (lanes, found), count);
+    }
+    count_query(scratch, k, Some((lanes, active)), begun);
 }
 
 /// No point of a blade moves faster than this half a step before the node [m/s].
@@ -137,18 +182,19 @@ pub(super) fn bending_m_s(model: &Model, state: &State, k: usize) -> f64 {
     blade.map_or(0.0, |blade| blade.modes().map(|q| state.coordinates.omega[q].abs()).sum())
 }
 
-/// Geometry of the three parts of the plates of a block.
+/// Geometry of the active parts of the plates of a block.
 #[inline(always)]
 fn find_contacts(
     model: &Model,
     state: &State,
     scratch: &Scratch,
-    (k, shared): (usize, bool),
+    (pass, shared, far_m): (&RailPass, bool, f64),
     at: usize,
-    swing: FrameMotion,
-    lanes: &mut [Lanes; 3],
-    found: &mut [RailContactLanes; 3],
+    active: [bool; PARTS],
+    lanes: &mut [Lanes; PARTS],
+    found: &mut [RailContactLanes; PARTS],
 ) {
+    let (k, swing) = (pass.k, pass.swing);
     let body = &model.rails[k].body;
     let bent_m = model.rails[k].most_bent_m(&state.coordinates.angle);
     let alpha = take(&scratch.wrapped.alpha, at);
@@ -167,17 +213,17 @@ fn find_contacts(
         }
     }
     for (part, (lanes, found)) in PlatePart::ALL.into_iter().zip([front, rear, edge].into_iter().zip(found)) {
-        *found = if body.touches[part as usize] {
-            plate_rail::find_contacts((body, bent_m), part, swing, &alpha, lanes)
-        } else {
-            plate_rail::face_nothing(lanes)
-        };
+        if body.touches[part as usize] {
+            *found = plate_rail::find_contacts((body, bent_m, far_m), part, swing, &alpha, lanes);
+        } else if active[part as usize] {
+            *found = plate_rail::face_nothing(lanes);
+        }
     }
 }
 
 /// Where a joint of the chain passes an edge support, the contact of the edge becomes that of an end, or the other way round: what it remembers goes with
 /// it.
-fn transfer_contacts(lanes: &mut [Lanes; 3], found: &[RailContactLanes; 3]) {
+fn transfer_contacts(lanes: &mut [Lanes; PARTS], found: &[RailContactLanes; PARTS]) {
     let [front, rear, edge] = lanes;
     for i in 0..LANES {
         for (end, of_end) in [(front as &mut Lanes, &found[0]), (rear, &found[1])] {
@@ -240,10 +286,15 @@ fn store(
 }
 
 /// For those who ask what contacts cost.
-fn count_query(scratch: &mut Scratch, k: usize, lanes: Option<&[Lanes; 3]>, begun: Option<Instant>) {
+fn count_query(
+    scratch: &mut Scratch,
+    k: usize,
+    lanes: Option<(&[Lanes; PARTS], [bool; PARTS])>,
+    begun: Option<Instant>,
+) {
     if let (Some(begun), Some(counts)) = (begun, &mut scratch.counts) {
         let mut forces: LaneBlock = [0.0; LANES];
-        for own in lanes.into_iter().flatten() {
+        for (own, _) in lanes.into_iter().flat_map(|(lanes, active)| lanes.iter().zip(active)).filter(|(_, own)| *own) {
             for (sum, force) in forces.iter_mut().zip(own.normal_force) {
                 *sum += force;
             }
@@ -341,7 +392,7 @@ mod tests {
                 (lanes.x, lanes.y) = ([centre.x; LANES], [centre.y; LANES]);
                 (lanes.cos, lanes.sin) = ([heading.x; LANES], [heading.y; LANES]);
                 lanes.lever = [lever_m; LANES];
-                *found = plate_rail::find_contacts((&body, 0.0), part, swing, &[0.0; LANES], lanes);
+                *found = plate_rail::find_contacts((&body, 0.0, f64::INFINITY), part, swing, &[0.0; LANES], lanes);
             }
             for (lanes, age) in lanes.iter_mut().zip(held) {
                 (lanes.age, lanes.normal_force) = ([age; LANES], [age; LANES]);
