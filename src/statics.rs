@@ -153,7 +153,7 @@ fn line_search(
 ) -> Option<LineSearchStep> {
     let slope: f64 = system.gradient.iter().zip(dq).map(|(g, d)| g.dot(d)).sum::<f64>() + system.rotor_gradient.dot(dr);
     let residual = system.residual(problem.model);
-    let longest = dq.iter().map(|d| libm::hypot(d.x, d.y).max(d.z.abs() * LINK_ARM_M)).fold(0.0, f64::max);
+    let longest = dq.iter().map(|d| d.x.hypot(d.y).max(d.z.abs() * LINK_ARM_M)).fold(0.0, f64::max);
     // Nor may a sprocket that nothing holds yet turn its teeth past the chain.
     let model = problem.model;
     let rims = problem.free.iter().zip(dr.iter()).map(|(k, d)| d.abs() * model.coordinates[*k].reach_m);
@@ -311,7 +311,7 @@ pub fn tensions(model: &Model, q: &Configuration) -> Vec<f64> {
     let tension = |j: usize| {
         let u = joint_offset(model, q, j);
         let f = model.chain.joint(j).force(u.x, u.y, 0.0, 0.0);
-        libm::hypot(f.x, f.y)
+        f.x.hypot(f.y)
     };
     model.chain.links().map(tension).collect()
 }

@@ -231,7 +231,7 @@ pub struct RailContactLanes {
 
 /// Geometry and kinematics of one part of the plates of a block of links. The lanes hold the links' centres from the rail's origin, their
 /// velocities and accelerations there, headings, and half pitches as levers; the point of contact's take their place. `bent_m`: how far behind
-/// where it is drawn the rail may lie. `far_m`: where all lanes are further from touching than that, they get their penetration and nothing else.
+/// where it is drawn the rail may lie. `far_m`: where all lanes are further from touching than that, they get their penetration, and the rest of them must not be used.
 #[inline(always)]
 pub fn find_contacts(
     (body, bent_m, far_m): (&RailBody, f64, f64),
@@ -351,7 +351,7 @@ impl NearestPieces {
         self.here[i] |= nearer;
     }
 
-    /// What is found, of the plate's round ends.
+    /// What is found, as a round end of the plate touches it.
     #[inline(always)]
     fn found(&self) -> RailContactLanes {
         RailContactLanes {

@@ -127,8 +127,9 @@ fn f04(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
             moved(4),
             moved(5)
         ),
-        "order 2 is the largest, and its phase moves by more than 10 deg with twice the damping or a tenth more mass, to which the authors lay their error of phase; the measured phase is lost. The damper of the plunger moves it more than both",
-    ))
+        "order 2 is the largest, and its phase moves by more than 10 deg with twice the damping or a tenth more mass, to which the authors lay their error of phase; the measured phase is lost",
+    )
+    .because("What the authors name moves it hardly, the plunger's damper more"))
 }
 
 /// Mean forces of the zones I to IV.
@@ -235,16 +236,18 @@ fn f08(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
     Ok(ClaimAnswer::new(
         ClaimVerdict::trend(with > 10.0 * without),
         format!(
-            "order 10 of the cam at 1500 1/min, half that of the teeth: {:.2} mrad/s with pitches 20 um apart, {:.2} mrad/s with equal ones; with equal masses too {:.2} mrad/s, with these pitches and equal masses {:.2} mrad/s; with equal rows the line stands {:.0} dB over its surroundings, without friction of joints and teeth too {:.0} dB",
+            "order 10 of the cam at 1500 1/min, half that of the teeth: {:.2} mrad/s with pitches 20 um apart, {:.2} mrad/s with equal ones; with equal masses too {:.2} mrad/s, with these pitches and equal masses {:.2} mrad/s; with equal rows the line stands {:.0} dB over its surroundings, without friction of joints and teeth too {:.0} dB, {:.2} mrad/s",
             1e3 * with,
             1e3 * without,
             1e3 * half(2),
             1e3 * half(3),
             cam(2).over_floor_db(10.0),
-            cam(4).over_floor_db(10.0)
+            cam(4).over_floor_db(10.0),
+            1e3 * half(4)
         ),
-        "rows have masses, inertias and pitches of their own; half the order of the teeth follows from the pitches, at least ten times what the masses alone make. It does not go when rows are equal: bushes belong to inner links, and friction on them makes more of it than pitches and masses do",
-    ))
+        "rows have masses, inertias and pitches of their own; half the order of the teeth follows from the pitches, at least ten times what the masses alone make",
+    )
+    .because("The order does not go when rows are equal; it goes when friction does, see S11"))
 }
 
 fn f09(_lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
@@ -287,6 +290,7 @@ fn f10(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
             list(&own, 0),
             met.len()
         ),
-        "at least four of the first six modes; with so many lines of the crank some are met by chance. Modes about the running drive are others than those at rest",
-    ))
+        "at least four of the first six modes; with so many lines of the crank some are met by chance",
+    )
+    .because("The modes that were looked for are those at rest; about the running drive they are others"))
 }

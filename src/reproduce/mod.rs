@@ -127,6 +127,14 @@ impl ClaimAnswer {
         ClaimAnswer { verdict, measured: measured.into(), why: why.into(), plot: None }
     }
 
+    /// What stands behind the rule where it is not met.
+    fn because(mut self, reason: &str) -> ClaimAnswer {
+        if matches!(self.verdict, ClaimVerdict::NotReproduced) {
+            self.why = format!("{}. {reason}", self.why);
+        }
+        self
+    }
+
     fn with_plot(mut self, x: &str, y: &str, curves: Vec<(&str, Vec<(f64, f64)>)>) -> ClaimAnswer {
         let curves = curves.into_iter().map(|(name, points)| PlottedCurve { name: name.into(), points }).collect();
         self.plot = Some(Plot { x: x.into(), y: y.into(), curves });

@@ -405,8 +405,9 @@ fn s11(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
             bush_db(6),
             bush_db(9)
         ),
-        "all more than 10 dB, and order 10 of the bush chain (pitches 50 um apart) less than 3 dB. Equal pitches do not remove it, friction makes it: bushes belong to inner links, so that links of both rows turn against teeth and pins with torques of their own",
-    ))
+        "all more than 10 dB, and order 10 of the bush chain (pitches 50 um apart) less than 3 dB",
+    )
+    .because("The bush chain's order 10 stays with equal pitches and goes with the friction. Bushes belong to inner links, so that friction on them may turn links of both rows differently; that this is the way is assumed"))
 }
 
 fn s12(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
@@ -448,22 +449,25 @@ fn s13(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
         trial(SILENT, SILENT_PITCHES),
         trial(BUSH, ""),
         trial(BUSH, FRICTIONLESS),
+        trial(BUSH, BUSH_PITCHES).set(FRICTIONLESS),
     ])?;
     let shift = |k: usize| own[k].probed("shift_periods");
     let radius = |k: usize| 1e3 * (own[k].probed("even_radius_mm") - own[k].probed("odd_radius_mm"));
     Ok(ClaimAnswer::new(
         ClaimVerdict::trend(shift(1).abs() > 3.0 * shift(0).abs() && shift(0).abs() < 0.03),
         format!(
-            "first touches of one row come {:.3} tooth periods early with bushes (pitches 50 um apart) and {:.3} with silent links (flanks +-15 um); {:.0} and {:.0} um further out; with bushes and equal pitches {:.3}, without friction too {:.3}",
+            "first touches of one row come {:.3} tooth periods early with bushes (pitches 50 um apart) and {:.3} with silent links (flanks +-15 um); {:.0} and {:.0} um further out; with bushes and equal pitches {:.3}, without friction of joints and teeth {:.3}, and with pitches 50 um apart {:.3}",
             shift(0).abs(),
             shift(1).abs(),
             radius(0),
             radius(1),
             shift(2).abs(),
-            shift(3).abs()
+            shift(3).abs(),
+            shift(4).abs()
         ),
-        "bush below 0.03 periods, silent more than three times it. Friction shifts the touches of bushes, not the difference of the pitches: see S11",
-    ))
+        "bush below 0.03 periods, silent more than three times it",
+    )
+    .because("Friction shifts the touches of bushes, not the difference of the pitches: see S11"))
 }
 
 fn s14(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
@@ -601,8 +605,9 @@ fn s18(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
             line_db(&frictionless),
             median(forty.iter().zip(&twenty).map(|(a, b)| a.1 / b.1))
         ),
-        "order 10 below a tenth of order 20; the measured levels of orders 20 and 40 are lost. Friction makes the bush chain's order 10, see S11",
+        "order 10 below a tenth of order 20; the measured levels of orders 20 and 40 are lost",
     )
+    .because("Order 10 goes with the friction of joints and teeth, see S11")
     .with_plot(
         "crank [1/min]",
         "acceleration of the arm [m/s2]",
@@ -646,8 +651,9 @@ fn s19(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
             list(&met, 0),
             list(&of_arm, 0)
         ),
-        "at least three of the six printed frequencies within 5 % or half the distance of the speeds; levels are lost. The arm here turns about its pivot and bends nowhere: what the printed arm has of bending modes is missing",
+        "at least three of the six printed frequencies within 5 % or half the distance of the speeds; levels are lost",
     )
+    .because("The arm here turns about its pivot and bends nowhere: bending modes of an arm are missing")
     .with_plot("frequency [Hz]", "acceleration of the arm [m/s2]", curves))
 }
 
@@ -668,6 +674,7 @@ fn s20(lab: &Laboratory) -> Result<ClaimAnswer, Unanswered> {
             over(&equal, 10.0),
             over(&equal, 20.0)
         ),
-        "order 10 more than 5, order 20 within a factor of 1.5. Order 10 of the bush chain is too strong here for it, by friction: see S11",
-    ))
+        "order 10 more than 5, order 20 within a factor of 1.5",
+    )
+    .because("Order 10 of the bush chain is too strong here for it; it goes with friction, see S11 and S18"))
 }

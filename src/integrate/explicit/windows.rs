@@ -119,8 +119,8 @@ fn find_nearest(model: &Model, state: &State, scratch: &mut Scratch) {
             let gap = |k: &usize| {
                 let s = &model.sprockets[*k];
                 let centre = s.frame.origin_at(&state.coordinates.angle);
-                let from = Vec2::new(scratch.front.x[j], scratch.front.y[j]) - centre;
-                from.norm() - s.geometry.tip_radius_m()
+                let d = (scratch.front.x[j] - centre.x).hypot(scratch.front.y[j] - centre.y);
+                d - s.geometry.tip_radius_m()
             };
             let of_chain = (0..model.sprockets.len()).filter(|k| model.sprockets[*k].chain == own);
             let nearest = of_chain.min_by(|a, b| gap(a).total_cmp(&gap(b)));
@@ -138,7 +138,7 @@ fn find_nearest(model: &Model, state: &State, scratch: &mut Scratch) {
                     let (dx, dy) = (state.links.x[i] - origin.x, state.links.y[i] - origin.y);
                     let along = dx * b.along.x + dy * b.along.y;
                     let above = dy * b.along.x - dx * b.along.y;
-                    Vec2::new(above, along - along.clamp(0.0, b.length_m)).norm()
+                    above.hypot(along - along.clamp(0.0, b.length_m))
                 };
                 let on_side = (0..model.guides.len())
                     .filter(|k| model.guides[*k].body.side == side && model.guides[*k].chain == own);
