@@ -717,7 +717,7 @@ impl SteadinessMonitor {
             *sum += state.coordinates.omega[sprocket.coordinate];
         }
         let forces = model.chain.links().map(|j| scratch.joint_force(j));
-        self.tension += forces.map(|(x, y, _)| x.hypot(y)).sum::<f64>() / model.chain.n_links as f64;
+        self.tension += forces.map(|(x, y, _)| libm::hypot(x, y)).sum::<f64>() / model.chain.n_links as f64;
         self.seen += 1;
         self.count += 1;
         if self.seen as f64 >= (self.tension_means.len() + 1) as f64 * self.steps_per_tooth {

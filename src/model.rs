@@ -204,7 +204,7 @@ impl RailModel {
     /// How far a point of its frame lies outside the box about it [m].
     pub fn box_distance_m(&self, p: Vec2) -> f64 {
         let outside = |p: f64, low: f64, high: f64| (low - p).max(p - high).max(0.0);
-        outside(p.x, self.low.x, self.high.x).hypot(outside(p.y, self.low.y, self.high.y))
+        libm::hypot(outside(p.x, self.low.x, self.high.x), outside(p.y, self.low.y, self.high.y))
     }
 
     /// What of it one of its pieces is.

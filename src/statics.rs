@@ -69,6 +69,8 @@ const SUFFICIENT_FALL: f64 = 1e-4;
 const SUFFICIENT_STILLING: f64 = 0.9;
 const MAX_HALVINGS: usize = 30;
 const SOFT_AFTER: usize = 100;
+/// Shares of the stiffness of contacts from which the search begins where it failed with the whole of it.
+const SOFTER_CONTACTS: [f64; 4] = [1e-4, 1e-3, 1e-2, 1e-1];
 /// Residual below which the residual alone may judge a step [N].
 const NEAR_SOLUTION_N: f64 = 1.0;
 
@@ -96,9 +98,27 @@ fn free_coordinates(model: &Model) -> Vec<usize> {
         .collect()
 }
 
-/// Finds the equilibrium near `start`, loads scaled by `load_factor`.
+/// Finds the equilibrium near `start`, loads scaled by `load_factor`. Contacts that are nearly rigid stop every step of Newton at the
+/// next one that closes; where that does not end, contacts begin soft, and each equilibrium is the start of a stiffer one.
 pub fn equilibrium(model: &Model, start: Configuration, load_factor: f64) -> Result<Equilibrium, NotConverged> {
-    let mut problem = StaticProblem::new(model, free_coordinates(model), load_factor);
+    let first = match descend(model, start.clone(), load_factor, 1.0) {
+        Ok(found) => return Ok(found),
+        Err(first) => first,
+    };
+    let mut q = start;
+    let mut spent = first.iterations;
+    for share in SOFTER_CONTACTS {
+        let Ok(softer) = descend(model, q, load_factor, share) else { return Err(first) };
+        spent += softer.iterations;
+        q = softer.configuration;
+    }
+    let found = descend(model, q, load_factor, 1.0).map_err(|_| first)?;
+    Ok(Equilibrium { iterations: spent + found.iterations, ..found })
+}
+
+/// Newton with line search, contacts of this share of their stiffness.
+fn descend(model: &Model, start: Configuration, load_factor: f64, contacts: f64) -> Result<Equilibrium, NotConverged> {
+    let mut problem = StaticProblem::of_contacts(model, free_coordinates(model), load_factor, contacts);
     let mut q = start;
     let mut system = problem.system(&q);
     let mut shift = 0.0_f64;
@@ -153,7 +173,7 @@ fn line_search(
 ) -> Option<LineSearchStep> {
     let slope: f64 = system.gradient.iter().zip(dq).map(|(g, d)| g.dot(d)).sum::<f64>() + system.rotor_gradient.dot(dr);
     let residual = system.residual(problem.model);
-    let longest = dq.iter().map(|d| d.x.hypot(d.y).max(d.z.abs() * LINK_ARM_M)).fold(0.0, f64::max);
+    let longest = dq.iter().map(|d| libm::hypot(d.x, d.y).max(d.z.abs() * LINK_ARM_M)).fold(0.0, f64::max);
     // Nor may a sprocket that nothing holds yet turn its teeth past the chain.
     let model = problem.model;
     let rims = problem.free.iter().zip(dr.iter()).map(|(k, d)| d.abs() * model.coordinates[*k].reach_m);
@@ -311,7 +331,7 @@ pub fn tensions(model: &Model, q: &Configuration) -> Vec<f64> {
     let tension = |j: usize| {
         let u = joint_offset(model, q, j);
         let f = model.chain.joint(j).force(u.x, u.y, 0.0, 0.0);
-        f.x.hypot(f.y)
+        libm::hypot(f.x, f.y)
     };
     model.chain.links().map(tension).collect()
 }

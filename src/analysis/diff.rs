@@ -176,14 +176,14 @@ fn growth(a: &Frame, b: &Frame) -> Growth {
     let (la, lb) = (&a.links, &b.links);
     let mut g = Growth { t_s: a.t_s, position_m: 0.0, link: 0, joint_force_n: 0.0, chain_torque_nm: 0.0 };
     for i in 0..la.x_m.len().min(lb.x_m.len()) {
-        let d = (la.x_m[i] - lb.x_m[i]).hypot(la.y_m[i] - lb.y_m[i]);
+        let d = libm::hypot(la.x_m[i] - lb.x_m[i], la.y_m[i] - lb.y_m[i]);
         if d > g.position_m {
             (g.position_m, g.link) = (d, i);
         }
     }
     let (ja, jb) = (&a.joints, &b.joints);
     for j in 0..ja.force_x_n.len().min(jb.force_x_n.len()) {
-        let d = (ja.force_x_n[j] - jb.force_x_n[j]).hypot(ja.force_y_n[j] - jb.force_y_n[j]);
+        let d = libm::hypot(ja.force_x_n[j] - jb.force_x_n[j], ja.force_y_n[j] - jb.force_y_n[j]);
         g.joint_force_n = g.joint_force_n.max(d);
     }
     let torques = a.rotors.chain_torque_nm.iter().zip(&b.rotors.chain_torque_nm);
@@ -266,7 +266,7 @@ fn headers(a: &Header, b: &Header) -> Vec<String> {
             lines.push(format!("a body is called {} in A and {} in B", ba.path, bb.path));
             continue;
         }
-        let moved = (ba.x_m - bb.x_m).hypot(ba.y_m - bb.y_m);
+        let moved = libm::hypot(ba.x_m - bb.x_m, ba.y_m - bb.y_m);
         if moved > 0.0 || ba.angle_rad != bb.angle_rad {
             let turned = (bb.angle_rad - ba.angle_rad).to_degrees();
             lines.push(format!("{}: moved by {:.3} um, turned by {turned:.2e} deg in B", ba.path, moved * 1e6));

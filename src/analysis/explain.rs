@@ -173,11 +173,11 @@ pub fn explain(replay: &mut Replay, link: usize, step: u64) -> anyhow::Result<Fr
 fn balance(body: &mut FreeBody, lever_m: f64) {
     let sum = |f: &dyn Fn(&Force) -> f64| body.forces.iter().map(f).sum::<f64>();
     (body.sum_x_n, body.sum_y_n, body.sum_moment_nm) = (sum(&|f| f.fx_n), sum(&|f| f.fy_n), sum(&|f| f.moment_nm));
-    let largest = body.forces.iter().map(|f| f.fx_n.hypot(f.fy_n)).fold(0.0, f64::max);
+    let largest = body.forces.iter().map(|f| libm::hypot(f.fx_n, f.fy_n)).fold(0.0, f64::max);
     let miss_x = body.sum_x_n - body.mass_kg * body.acceleration_x_m_s2;
     let miss_y = body.sum_y_n - body.mass_kg * body.acceleration_y_m_s2;
     let miss_moment = body.sum_moment_nm - body.inertia_kg_m2 * body.angular_acceleration_rad_s2;
-    body.remainder_n = miss_x.hypot(miss_y);
+    body.remainder_n = libm::hypot(miss_x, miss_y);
     body.remainder_share = body.remainder_n / largest.max(1e-12);
     let largest_moment = body.forces.iter().map(|f| f.moment_nm.abs()).fold(largest * lever_m, f64::max);
     body.remainder_moment_share = miss_moment.abs() / largest_moment.max(1e-15);

@@ -89,7 +89,7 @@ fn text(b: &FreeBody) -> String {
             .to_string(),
     ];
     let row = |name: &str, x: f64, y: f64, m: f64| {
-        format!("  {name:74} {x:11.3} {y:11.3} {:11.3} {:14.4}", x.hypot(y), m * 1e3)
+        format!("  {name:74} {x:11.3} {y:11.3} {:11.3} {:14.4}", libm::hypot(x, y), m * 1e3)
     };
     lines.extend(b.forces.iter().map(|f| row(&f.cause, f.fx_n, f.fy_n, f.moment_nm)));
     lines.push(row("sum", b.sum_x_n, b.sum_y_n, b.sum_moment_nm));

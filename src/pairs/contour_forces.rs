@@ -445,7 +445,7 @@ mod tests {
                 (found.normal_x[i], found.normal_y[i]) = (nx, ny);
                 (found.point_x[i], found.point_y[i]) = (x - radius * nx - offset * ny, y - radius * ny + offset * nx);
                 found.penetration[i] = -random(0.0, 1.0).powi(3) * 1e-4;
-                fastest_m_s = fastest_m_s.max(vx.hypot(vy)).max(omega.abs() * x.hypot(y));
+                fastest_m_s = fastest_m_s.max(libm::hypot(vx, vy)).max(omega.abs() * libm::hypot(x, y));
             }
             Scene { columns, change, found, past: [[0.0; LANES]; 4], own: [!0; LANES], omega, step, fastest_m_s }
         }

@@ -96,7 +96,7 @@ fn contours(header: &Header, body: &FreeBody, frame: &Frame, (centre, units_per_
 /// A word beyond the tip of an arrow.
 fn push_label(s: &mut String, [at, tip]: [[f64; 2]; 2], text: &str, colour: &str) {
     let away = [tip[0] - at[0], tip[1] - at[1]];
-    let length = away[0].hypot(away[1]).max(1.0);
+    let length = libm::hypot(away[0], away[1]).max(1.0);
     let place = [tip[0] + 12.0 * away[0] / length, tip[1] + 12.0 * away[1] / length + 4.0];
     let _infallible = writeln!(
         s,
@@ -135,7 +135,7 @@ fn scales(units_per_mm: f64, units_per_n: f64) -> String {
 }
 
 fn size(f: &Force) -> f64 {
-    f.fx_n.hypot(f.fy_n)
+    libm::hypot(f.fx_n, f.fy_n)
 }
 
 fn colour(f: &Force) -> &'static str {
@@ -176,8 +176,8 @@ fn table(header: &Header, b: &FreeBody) -> String {
         }
     }
     put("", "#000");
-    put(&format!("sum  {:.2} N, {:.3} mN m", b.sum_x_n.hypot(b.sum_y_n), b.sum_moment_nm * 1e3), "#000");
-    let inertia = b.mass_kg * b.acceleration_x_m_s2.hypot(b.acceleration_y_m_s2);
+    put(&format!("sum  {:.2} N, {:.3} mN m", libm::hypot(b.sum_x_n, b.sum_y_n), b.sum_moment_nm * 1e3), "#000");
+    let inertia = b.mass_kg * libm::hypot(b.acceleration_x_m_s2, b.acceleration_y_m_s2);
     let turning = b.inertia_kg_m2 * b.angular_acceleration_rad_s2;
     put(&format!("m a  {inertia:.2} N, {:.3} mN m", turning * 1e3), "#000");
     put(&format!("remainder {:.0e} of the largest force", b.remainder_share), "#000");

@@ -241,7 +241,7 @@ fn body_box_m(header: &Header, frame: &Frame, k: usize) -> [[f64; 2]; 2] {
 }
 
 fn tip_radius_m(outline: &Outline) -> f64 {
-    polyline(outline).into_iter().map(|[x, y]| x.hypot(y)).fold(0.0, f64::max)
+    polyline(outline).into_iter().map(|[x, y]| libm::hypot(x, y)).fold(0.0, f64::max)
 }
 
 /// Bounding box of the whole drive, chain included: (lower, upper) corner [m].
@@ -449,7 +449,7 @@ fn push_gap_numbers(svg: &mut String, sheet: &DrawingSheet, frame: &Frame, panel
     let size = 0.85 * sheet.font;
     for (k, body) in sheet.header.bodies.iter().enumerate().filter(|(_, b)| b.rotor && b.teeth > 0) {
         let Some(outline) = &body.outline else { continue };
-        let root_m = polyline(outline).into_iter().map(|[x, y]| x.hypot(y)).fold(f64::INFINITY, f64::min);
+        let root_m = polyline(outline).into_iter().map(|[x, y]| libm::hypot(x, y)).fold(f64::INFINITY, f64::min);
         let radius_m = root_m - 1.3 * size / sheet.units_per_m;
         let pose = body_pose(sheet.header, frame, k);
         for gap in (0..body.teeth).step_by(stride as usize) {

@@ -30,8 +30,8 @@ pub(super) struct StaticProblem<'a> {
 /// What a system is the matrix of.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum SystemOf {
-    /// The potential energy: forces, stiffness.
-    Potential,
+    /// The potential energy: forces, stiffness. Contacts count with this share, 1 for those that the drive has.
+    Potential { contacts: f64 },
     /// The dampers, each where its spring stands: damping in place of stiffness, and no forces.
     Dampers,
 }
@@ -40,17 +40,21 @@ impl SystemOf {
     /// What a contact gives that rests with this force and stiffness.
     fn contact(self, elastic: Elastic, law: &ContactLaw) -> Elastic {
         match self {
-            SystemOf::Potential => elastic,
+            SystemOf::Potential { contacts } => scaled(elastic, contacts),
             SystemOf::Dampers => damper(law.damping_at(elastic.force_n)),
         }
     }
 
     fn pick(self, stiffness: f64, damping: f64) -> f64 {
         match self {
-            SystemOf::Potential => stiffness,
+            SystemOf::Potential { .. } => stiffness,
             SystemOf::Dampers => damping,
         }
     }
+}
+
+fn scaled(e: Elastic, share: f64) -> Elastic {
+    Elastic { force_n: e.force_n * share, stiffness_n_per_m: e.stiffness_n_per_m * share, energy_j: e.energy_j * share }
 }
 
 fn damper(damping: f64) -> Elastic {
@@ -59,7 +63,17 @@ fn damper(damping: f64) -> Elastic {
 
 impl<'a> StaticProblem<'a> {
     pub(super) fn new(model: &'a Model, free: Vec<usize>, load_factor: f64) -> StaticProblem<'a> {
-        StaticProblem { model, free, load_factor, of: SystemOf::Potential, finder: EndFinder::new(model) }
+        StaticProblem::of_contacts(model, free, load_factor, 1.0)
+    }
+
+    /// The same with contacts of this share of their stiffness.
+    pub(super) fn of_contacts(
+        model: &'a Model,
+        free: Vec<usize>,
+        load_factor: f64,
+        contacts: f64,
+    ) -> StaticProblem<'a> {
+        StaticProblem { model, free, load_factor, of: SystemOf::Potential { contacts }, finder: EndFinder::new(model) }
     }
 
     /// The dampers of the same in place of its springs.
@@ -124,7 +138,7 @@ impl<'a> StaticProblem<'a> {
                 let elastic = bush.elastic(hit.touch.penetration_m, hit.body_radius_m);
                 if elastic.force_n > 0.0 {
                     let elastic = match of {
-                        SystemOf::Potential => elastic,
+                        SystemOf::Potential { contacts } => scaled(elastic, contacts),
                         SystemOf::Dampers => damper(bush.damping_n_s_per_m(elastic.force_n)),
                     };
                     let normal = rotated(hit.touch.normal, angle);

@@ -119,7 +119,7 @@ fn find_nearest(model: &Model, state: &State, scratch: &mut Scratch) {
             let gap = |k: &usize| {
                 let s = &model.sprockets[*k];
                 let centre = s.frame.origin_at(&state.coordinates.angle);
-                let d = (scratch.front.x[j] - centre.x).hypot(scratch.front.y[j] - centre.y);
+                let d = libm::hypot(scratch.front.x[j] - centre.x, scratch.front.y[j] - centre.y);
                 d - s.geometry.tip_radius_m()
             };
             let of_chain = (0..model.sprockets.len()).filter(|k| model.sprockets[*k].chain == own);
@@ -138,7 +138,7 @@ fn find_nearest(model: &Model, state: &State, scratch: &mut Scratch) {
                     let (dx, dy) = (state.links.x[i] - origin.x, state.links.y[i] - origin.y);
                     let along = dx * b.along.x + dy * b.along.y;
                     let above = dy * b.along.x - dx * b.along.y;
-                    above.hypot(along - along.clamp(0.0, b.length_m))
+                    libm::hypot(above, along - along.clamp(0.0, b.length_m))
                 };
                 let on_side = (0..model.guides.len())
                     .filter(|k| model.guides[*k].body.side == side && model.guides[*k].chain == own);

@@ -47,9 +47,9 @@ pub fn reach_m(outline: &Outline) -> f64 {
     let element = |e: &OutlineElement| {
         // The height of an arc above its chord is its sagitta, at most its diameter.
         let sagitta_m = e.radius_m.max(0.0) * (1.0 - libm::cos(0.5 * e.sweep_rad.abs().min(2.0 * PI)));
-        e.start_x_m.hypot(e.start_y_m).max(e.end_x_m.hypot(e.end_y_m)) + sagitta_m
+        libm::hypot(e.start_x_m, e.start_y_m).max(libm::hypot(e.end_x_m, e.end_y_m)) + sagitta_m
     };
-    let circles = outline.circles.iter().map(|c| c.x_m.hypot(c.y_m) + c.radius_m);
+    let circles = outline.circles.iter().map(|c| libm::hypot(c.x_m, c.y_m) + c.radius_m);
     outline.elements.iter().map(element).chain(circles).fold(0.0, f64::max)
 }
 
@@ -72,7 +72,7 @@ pub fn path_data(outline: &Outline, pose: Pose, units_per_m: f64) -> String {
     let mut last: Option<[f64; 2]> = None;
     for e in &outline.elements {
         let (start, end) = ([e.start_x_m, e.start_y_m], [e.end_x_m, e.end_y_m]);
-        if last.is_none_or(|l| (l[0] - start[0]).hypot(l[1] - start[1]) > SAME_POINT_M) {
+        if last.is_none_or(|l| libm::hypot(l[0] - start[0], l[1] - start[1]) > SAME_POINT_M) {
             let [x, y] = pose.apply(start).map(mm);
             let _infallible = write!(d, "M{x} {y}");
         }

@@ -42,7 +42,7 @@ pub fn contact_scale(sheet: &DrawingSheet, frames: &[&Frame], panels: &[Panel]) 
     for (frame, panel) in frames.iter().zip(panels) {
         for DrawnForce { point_m, force_n: force, .. } in drawn_forces(frame) {
             if panel.sees(point_m, 0.0) {
-                largest_n = largest_n.max(force[0].hypot(force[1]));
+                largest_n = largest_n.max(libm::hypot(force[0], force[1]));
             }
         }
     }
@@ -65,7 +65,7 @@ pub fn joint_scale(sheet: &DrawingSheet, frames: &[&Frame], panels: &[Panel]) ->
         for j in 0..frame.joints.force_x_n.len() {
             let (at, force) = joint(sheet, frame, j);
             if panel.sees(at, pitch_m(sheet.header)) {
-                largest_n = largest_n.max(force[0].hypot(force[1]));
+                largest_n = largest_n.max(libm::hypot(force[0], force[1]));
             }
         }
     }
@@ -121,7 +121,7 @@ pub fn push_contact_numbers(
     order.sort_by(|a, b| c.normal_force_n[*b].total_cmp(&c.normal_force_n[*a]));
     for i in order {
         let (foot, force) = contact(c, i);
-        let force_n = force[0].hypot(force[1]);
+        let force_n = libm::hypot(force[0], force[1]);
         if force_n < least_n {
             continue;
         }
@@ -147,7 +147,7 @@ fn impact_of<'a>(sheet: &DrawingSheet<'a>, frame: &Frame, i: usize) -> Option<&'
 /// A thin line to a number that is away from its arrow.
 fn push_leader(svg: &mut String, tip: [f64; 2], place: &Rect) {
     let edge = [0, 1].map(|k| tip[k].clamp(place.centre[k] - place.half[k], place.centre[k] + place.half[k]));
-    if (edge[0] - tip[0]).hypot(edge[1] - tip[1]) > 8.0 {
+    if libm::hypot(edge[0] - tip[0], edge[1] - tip[1]) > 8.0 {
         let _infallible = writeln!(
             svg,
             "<path d=\"M{:.2} {:.2}L{:.2} {:.2}\" stroke=\"{FORCE}\" stroke-width=\"0.6\" stroke-opacity=\"0.7\"/>",
@@ -159,7 +159,7 @@ fn push_leader(svg: &mut String, tip: [f64; 2], place: &Rect) {
 /// An arrow from tail to tip. The fourth point of its outline is the tip; its tail lies between the first and the last.
 pub fn push_arrow(svg: &mut String, class: &str, [tail, tip]: [[f64; 2]; 2], colour: &str) {
     let run = [tip[0] - tail[0], tip[1] - tail[1]];
-    let length = run[0].hypot(run[1]);
+    let length = libm::hypot(run[0], run[1]);
     // Shorter than its line width: the dot at the contact point represents it.
     if length < 0.5 {
         return;
