@@ -22,6 +22,7 @@ pub mod torsion;
 pub mod valves;
 
 use crate::diag::Report;
+use crate::effects::Effect;
 use crate::elements::beam::Beam;
 use crate::elements::contact_law::ContactLaw;
 use crate::geometry::Vec2;
@@ -494,6 +495,10 @@ pub struct Effects {
     pub joint_stiffness_share: f64,
     /// Damping of every joint beyond the declared one [N s/m].
     pub joint_damping_n_s_per_m: f64,
+    /// Radial play of every pin in its bush beyond the declared one [m].
+    pub joint_clearance_m: f64,
+    /// Of blades, plain bearings, valves and couplings, in the order of the file.
+    pub parts: Vec<PartEffect>,
     /// Friction and compliance of guides.
     pub guides: Vec<GuideEffect>,
     /// Arms that give way, in the order of the file.
@@ -502,6 +507,17 @@ pub struct Effects {
     pub oil: OilEffects,
     /// Stiffness and damping of spans, in chains of spans.
     pub spans: Vec<SpanEffect>,
+}
+
+/// By how much a number of a part differs from the declared one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PartEffect {
+    /// The row of the catalogue, which says what number.
+    pub effect: &'static Effect,
+    /// Name of the part.
+    pub part: String,
+    /// A share of the declared number, or a length [m]; the row says.
+    pub size: f64,
 }
 
 /// What a span of a chain of spans has beyond its declared stiffness and damping.
@@ -589,6 +605,11 @@ impl GuideMount {
 }
 
 impl Effects {
+    /// What this effect adds to its number of a part; zero where the file says nothing of it.
+    pub fn of_part(&self, effect: &Effect, part: &str) -> f64 {
+        self.parts.iter().filter(|e| e.effect == effect && e.part == part).map(|e| e.size).sum()
+    }
+
     /// Guides that stand on mounts, in the order of the file.
     pub fn mounts(&self) -> impl Iterator<Item = (&str, &GuideMount)> + Clone {
         self.guides.iter().filter_map(|e| Some((e.guide.as_str(), e.mount.as_ref()?)))

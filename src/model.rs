@@ -265,6 +265,8 @@ pub struct Model {
     pub loads: Vec<Load>,
     /// Loads by orders of the driver.
     pub order_loads: Vec<OrderLoad>,
+    /// Coordinates on which waves of orders act that are no whole numbers.
+    pub fractional_waves: Vec<usize>,
     /// Gas on valves.
     pub gas_loads: Vec<GasLoad>,
     /// Bearings that let sprockets, shafts and rails give way.
@@ -351,7 +353,7 @@ impl Model {
         let joint = LinkJoint {
             stiffness_n_per_m: drive.joint.stiffness_n_per_m * (1.0 + drive.effects.joint_stiffness_share),
             damping_n_s_per_m: (drive.joint.damping_n_s_per_m + drive.effects.joint_damping_n_s_per_m).max(0.0),
-            clearance_m: drive.joint.clearance_m,
+            clearance_m: drive.joint.clearance_m + drive.effects.joint_clearance_m,
             friction_arm_m: (drive.joint.friction + drive.effects.pin_friction) * 0.5 * drive.chain.pin_diameter_m(),
             stick_speed_rad_s: drive.joint.stick_speed_rad_s,
         };
@@ -394,6 +396,7 @@ impl Model {
             oil: None,
             loads: Vec::new(),
             order_loads: Vec::new(),
+            fractional_waves: Vec::new(),
             gas_loads: Vec::new(),
             couplings: Vec::new(),
             spans: Vec::new(),
@@ -448,6 +451,7 @@ impl Model {
             oil: None,
             loads: Vec::new(),
             order_loads: Vec::new(),
+            fractional_waves: Vec::new(),
             gas_loads: Vec::new(),
             couplings: Vec::new(),
             spans: Vec::new(),

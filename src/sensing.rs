@@ -3,6 +3,7 @@
 use crate::assemble::{Assembly, AssemblyError, assemble};
 use crate::drive::Drive;
 use crate::drive::sensors::SensorReads;
+use crate::elements::driver_motion::DriverMotion;
 use crate::elements::span::ChainSpan;
 use crate::integrate::explicit::{self, ContactGroup, Scratch};
 use crate::integrate::{StepError, scheme};
@@ -133,6 +134,17 @@ impl Tracer {
     /// Speed of a sprocket at the nominal chain speed [rad/s].
     pub fn nominal_speed(&self, sprocket: usize) -> f64 {
         self.model.coordinates[self.model.turning_part(sprocket)].nominal_speed_rad_s
+    }
+
+    /// How far the driver stands ahead in the mean over `period_s` of where it would stand without effects on its speed [rad]. Before the first
+    /// reading.
+    pub fn driver_lead_rad(&self, period_s: f64) -> f64 {
+        let (model, run) = (&self.model, &self.drive.run);
+        let driver = model.sprockets[model.driver].coordinate;
+        let before_s = run.run_in_s + run.settle_s;
+        let lead =
+            |motion: &DriverMotion| motion.mean_lead_rad(self.state.coordinates.angle[driver], before_s, period_s);
+        model.driver_motion.as_ref().map_or(0.0, lead)
     }
 
     /// Discards all readings.

@@ -100,6 +100,58 @@ fn effects_on_tensioners_and_joints_reach_the_model() {
     close(slack(&changed), slack(&plain) + 0.05);
 }
 
+/// Effects on numbers of parts change them by their share, and no bit where they are zero.
+#[test]
+fn effects_on_numbers_of_parts_reach_the_model() {
+    use pitchline::model::Model;
+    let close = |a: f64, b: f64| assert!((a / b - 1.0).abs() < 1e-12, "{a} {b}");
+    let all = |drive: &str, path: &str, unit: &str, size: f64| {
+        let model = |size: f64| {
+            let set = format!("effects.{path}.{unit}={size}");
+            common::assembled(&common::bundled(drive, &[&set]))
+        };
+        let (plain, off) = (common::assembled(&common::bundled(drive, &[])), model(0.0));
+        assert_eq!(plain.state.hash(), off.state.hash(), "{path}");
+        (plain.model, model(size).model)
+    };
+    let spring = |m: &Model, path: &str| {
+        m.coordinates.iter().find(|c| c.path == path).unwrap_or_else(|| panic!("{path}")).spring
+    };
+    let (before, after) = all("v12-primary", "blade_stiffness.slack", "share_percent", -20.0);
+    let mode = "guides.rail.slack.bending.1";
+    close(spring(&after, mode).stiffness, 0.8 * spring(&before, mode).stiffness);
+    let (before, after) = all("bmw318-camshaft", "bearing_clearance.cam", "clearance_um", 15.0);
+    let clearance_m = |m: &Model| m.bearings.iter().find_map(|b| b.film.as_ref()).expect("a film").0.clearance_m;
+    assert!((clearance_m(&after) - clearance_m(&before) - 15e-6).abs() < 1e-15);
+    assert!((clearance_m(&before) - CLEARANCE_UM * 1e-6).abs() < 1e-15);
+    let (before, after) = all("gasoline-3cyl-bush", "valve_spring.intake", "share_percent", -10.0);
+    for (lift_m, valve) in [0.0, 5e-3].into_iter().flat_map(|lift| ["intake", "exhaust"].map(|valve| (lift, valve))) {
+        let of = |m: &Model| {
+            let path = format!("valves.{valve}.1");
+            let k = m.coordinates.iter().position(|c| c.path == path).unwrap_or_else(|| panic!("{path}"));
+            m.valve_spring_n(k, lift_m)
+        };
+        close(of(&after), of(&before) * if valve == "intake" { 0.9 } else { 1.0 });
+    }
+    let (before, after) = all("gasoline-3cyl-bush", "coupling_stiffness.transducer", "share_percent", 50.0);
+    let coupling =
+        |m: &Model| m.couplings.iter().find(|c| c.path == "couplings.transducer").expect("it").stiffness_nm_per_rad;
+    close(coupling(&after), 1.5 * coupling(&before));
+    let (before, after) = all("tensioner-20-40", "joint_clearance.chain", "clearance_um", 8.0);
+    assert!((after.chain.joints[0].clearance_m - before.chain.joints[0].clearance_m - 8e-6).abs() < 1e-15);
+    let refused = |drive: &str, set: &str| {
+        let (_, text) = pitchline::drive::BUNDLED.iter().find(|(name, _)| *name == drive).expect("it is bundled");
+        pitchline::drive::Drive::parse(drive, text, &[set.to_string()]).expect_err(set).to_string()
+    };
+    let other = refused("v12-primary", "effects.blade_stiffness.tight.share_percent=5");
+    assert!(other.contains("`tight` is not a rail that bends") && other.contains("there are: slack"), "{other}");
+    let none = refused("bush-20-40", "effects.valve_spring.intake.share_percent=5");
+    assert!(none.contains("`intake` is not the valves of a camshaft") && none.contains("there is none"), "{none}");
+}
+
+/// Radial clearance of the bearing of `bmw318-camshaft` [um].
+const CLEARANCE_UM: f64 = 35.0;
+
 /// What no such effect can act on is an error that names it.
 #[test]
 fn effects_on_tensioners_name_what_they_cannot_act_on() {
@@ -130,6 +182,9 @@ fn host(effect: &pitchline::effects::Effect) -> (&'static str, &'static str, Vec
     use pitchline::effects::{On, Part};
     let (name, sets) = match (effect.links, effect.part) {
         (Some(On::Span), _) => ("reduction-20-40-20-40", vec!["chains.second.fidelity=spans".to_string()]),
+        (Some(On::Blade), _) => ("v12-primary", Vec::new()),
+        (Some(On::Bearing), _) => ("bmw318-camshaft", Vec::new()),
+        (Some(On::Valve | On::Coupling), _) => ("gasoline-3cyl-bush", Vec::new()),
         (_, Part::Tensioner) => ("ford-v6", Vec::new()),
         _ => ("bush-20-40", Vec::new()),
     };
@@ -146,6 +201,10 @@ fn target_of(on: Option<pitchline::effects::On>) -> &'static str {
         Some(On::Chain) => "odd",
         Some(On::Body) | None => "driven",
         Some(On::Span) => "output-pinion",
+        Some(On::Blade) => "slack",
+        Some(On::Bearing) => "cam",
+        Some(On::Valve) => "intake",
+        Some(On::Coupling) => "transducer",
         Some(On::Arm) => "arm",
         Some(On::Leak) => "plunger",
         Some(On::Orifice) => "throttle",
@@ -169,7 +228,7 @@ fn drives_with_links_take_the_effects_that_say_so() {
         assert_eq!(result.is_ok(), e.links.is_some(), "{}: {sets:?}", e.name);
         taken += usize::from(e.links.is_some());
     }
-    assert_eq!(taken, 29);
+    assert_eq!(taken, 34);
 }
 
 /// A drive with links takes each parameter of an effect in the whole range of its row, and nothing outside; a fit of it has the same
@@ -184,6 +243,7 @@ fn readers_and_fits_have_the_ranges_of_the_catalogue() {
         "leak_gap" => (0.1 - 50.0, p.high),
         "orifice_diameter" => ((1.0 - 2500.0_f64).max(p.low), p.high),
         "oil_air" => (-1.0, 49.0),
+        "bearing_clearance" => (0.1 - CLEARANCE_UM, p.high),
         _ => (p.low, p.high),
     };
     let mut tried = 0;

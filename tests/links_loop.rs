@@ -139,12 +139,13 @@ fn an_order_beside_a_declared_one_is_named_with_its_phase() {
         let all = r.effects[0].parameters.iter().filter(|p| p.path.ends_with(key));
         all.map(|p| p.value).collect::<Vec<f64>>()
     };
-    // measured 0.461, 84 and 75 degrees: the fit ends at its eighth iteration, before it has converged
     let (amplitude, order) = (number("amplitude_percent"), number("order"));
-    assert!(amplitude.len() == 1 && (amplitude[0] - 0.5).abs() < 0.06 && order == [1.5], "{amplitude:?} {order:?}");
-    // Both records that are fitted were made by runs that begin alike.
+    // measured 0.479, -21.9 and 156.7 degrees
+    assert!(amplitude.len() == 1 && (amplitude[0] - 0.5).abs() < 0.03 && order == [1.5], "{amplitude:?} {order:?}");
+    // Half a turn later order 2 is the same and order 1.5 has gone on by 270 degrees: records that do not say where the driver stands leave four phases open.
     let phases = number("phase_deg");
-    assert!(phases.len() == 2 && phases.iter().all(|p| (p - 70.0).abs() < 20.0), "{phases:?}");
+    let off = |p: &f64| (p - 70.0) - 90.0 * ((p - 70.0) / 90.0).round();
+    assert!(phases.len() == 2 && phases.iter().all(|p| off(p).abs() < 6.0), "{phases:?}");
     for (before, after) in r.error_before.iter().zip(&r.error_after).filter(|(b, _)| b.record.is_none()) {
         println!("{}: {:?} -> {:?} {}", before.channel, before.held_out, after.held_out, before.unit);
     }

@@ -9,7 +9,9 @@
 
 use super::mechanism::read_viscosity;
 use super::reader::TomlTable;
-use super::{Drive, GuideSpec, RailSpec, ShaftSpec, SprocketDrive};
+use super::{Drive, Effects, GuideSpec, RailSpec, ShaftSpec, SprocketDrive};
+use crate::diag::last_name;
+use crate::effects::bearing_clearance;
 use crate::elements::plain_bearing::PlainBearing;
 use crate::units::{DEG, MM, UM};
 
@@ -24,6 +26,22 @@ pub struct BearingSpec {
     pub mass_kg: f64,
     /// What holds it.
     pub law: BearingLaw,
+}
+
+/// Least clearance of a plain bearing, in files and with effects [m].
+pub(super) const NARROWEST_FILM_M: f64 = 0.1 * UM;
+
+impl BearingSpec {
+    /// A plain bearing with what effects change about it; None: it is none.
+    pub fn film(&self, effects: &Effects) -> Option<PlainBearing> {
+        match &self.law {
+            BearingLaw::Plain(bearing) => {
+                let wider_m = effects.of_part(&bearing_clearance::ROW, last_name(&self.path));
+                Some(PlainBearing { clearance_m: (bearing.clearance_m + wider_m).max(NARROWEST_FILM_M), ..*bearing })
+            }
+            BearingLaw::Elastic { .. } => None,
+        }
+    }
 }
 
 /// What a bearing carries.

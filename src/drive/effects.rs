@@ -1,17 +1,21 @@
 //! Reading `[effects]` of a drive with links; those on shafts, arms and sliders are read with the loads in `shafts`.
 
+use super::bearings::{BearingLaw, BearingSpec, NARROWEST_FILM_M};
 use super::lifters::largest_island;
 use super::mechanism::{PassageLaw, PassageSpec, WIDEST_GAP};
 use super::reader::TomlTable;
+use super::shafts::CouplingSpec;
+use super::valves::ValveSpec;
 use super::{
-    ArmEffect, ArmSpec, Effects, GapError, GapWave, GuideEffect, GuideMount, LinkMass, OilSpec, PassageEffect,
-    PitchError, RailSpec, SpanEffect, TightJoint, sensors,
+    ArmEffect, ArmSpec, Drive, Effects, GapError, GapWave, GuideEffect, GuideMount, LinkMass, OilSpec, PartEffect,
+    PassageEffect, PitchError, RailSpec, SpanEffect, TightJoint, sensors,
 };
 use crate::diag::last_name;
 use crate::effects::{
-    Effect, On, Parameter, alternate_pitch, arm_compliance, check_leak, gap_error, guide_compliance, guide_friction,
-    joint_damping, joint_stiffness, leak_gap, link_mass, oil_air, oil_viscosity, orifice_diameter, pin_friction,
-    pitch_error, span_damping, span_stiffness, sprocket_runout, tight_joint, tooth_pitch_error, wear_elongation,
+    Effect, On, Parameter, alternate_pitch, arm_compliance, bearing_clearance, blade_stiffness, check_leak,
+    coupling_stiffness, gap_error, guide_compliance, guide_friction, joint_clearance, joint_damping, joint_stiffness,
+    leak_gap, link_mass, oil_air, oil_viscosity, orifice_diameter, pin_friction, pitch_error, span_damping,
+    span_stiffness, sprocket_runout, tight_joint, tooth_pitch_error, valve_spring, wear_elongation,
 };
 use crate::elements::hydraulics::MAX_PASSAGES;
 
@@ -24,8 +28,44 @@ pub(super) struct EffectTargets<'a> {
     pub(super) rails: &'a [RailSpec],
     pub(super) arms: &'a [ArmSpec],
     pub(super) oil: Option<&'a OilSpec>,
+    /// Blades, plain bearings, valves and couplings.
+    pub(super) parts: &'a [(On, Vec<String>)],
     /// Of chains of spans.
     pub(super) spans: &'a [String],
+}
+
+/// Names of the parts whose numbers effects change: blades, plain bearings, valves, couplings.
+pub(super) fn named_parts(
+    rails: &[RailSpec],
+    bearings: &[BearingSpec],
+    valves: &[ValveSpec],
+    couplings: &[CouplingSpec],
+) -> Vec<(On, Vec<String>)> {
+    let named = |path: &str| last_name(path).to_string();
+    let plain = bearings.iter().filter(|b| matches!(b.law, BearingLaw::Plain(_)));
+    vec![
+        (On::Blade, rails.iter().filter(|r| r.bending.is_some()).map(|r| r.name.clone()).collect()),
+        (On::Bearing, plain.map(|b| named(&b.path)).collect()),
+        (On::Valve, valves.iter().map(|v| v.name.clone()).collect()),
+        (On::Coupling, couplings.iter().map(|c| named(&c.path)).collect()),
+    ]
+}
+
+impl Drive {
+    /// Names of the parts of this kind whose numbers effects change.
+    pub fn parts_for(&self, on: On) -> Vec<String> {
+        let all = named_parts(&self.rails, &self.bearings, &self.valves, &self.train.couplings);
+        all.into_iter().filter(|(kind, _)| *kind == on).flat_map(|(_, names)| names).collect()
+    }
+
+    /// Least and largest change of a plain bearing's clearance that leave a bearing [m].
+    pub fn clearance_range_m(&self, bearing: &str) -> Option<(f64, f64)> {
+        let named = self.bearings.iter().find(|b| last_name(&b.path) == bearing)?;
+        match &named.law {
+            BearingLaw::Plain(b) => Some((NARROWEST_FILM_M - b.clearance_m, b.radius_m - b.clearance_m)),
+            BearingLaw::Elastic { .. } => None,
+        }
+    }
 }
 
 /// Effects on sprockets, links, joints, guides, oil, spans and signals.
@@ -42,6 +82,8 @@ pub(super) fn read_effects(
     effects.pin_friction = of_all(t, &pin_friction::ROW, "chain");
     effects.joint_stiffness_share = of_all(t, &joint_stiffness::ROW, "chain");
     effects.joint_damping_n_s_per_m = of_all(t, &joint_damping::ROW, "chain");
+    effects.joint_clearance_m = of_all(t, &joint_clearance::ROW, "chain");
+    read_part_effects(t, targets.parts, &mut effects);
     read_guide_effects(t, targets, &mut effects);
     read_arm_effects(t, targets.arms, &mut effects);
     read_oil_effects(t, targets.oil, &mut effects);
@@ -139,6 +181,30 @@ fn read_link_effects(t: &TomlTable<'_>, effects: &mut Effects) {
         t.finish();
     }
     table.finish();
+}
+
+/// Effects on numbers of blades, plain bearings, valves and couplings, by their names.
+fn read_part_effects(t: &TomlTable<'_>, parts: &[(On, Vec<String>)], effects: &mut Effects) {
+    for effect in [&blade_stiffness::ROW, &bearing_clearance::ROW, &valve_spring::ROW, &coupling_stiffness::ROW] {
+        let table = t.table(effect.name);
+        for (part, own) in table.tables_or_set() {
+            let known: Vec<&str> = parts
+                .iter()
+                .filter(|(on, _)| *on == effect.on)
+                .flat_map(|(_, names)| names)
+                .map(String::as_str)
+                .collect();
+            if !known.contains(&part.as_str()) {
+                let help =
+                    if known.is_empty() { "there is none".into() } else { format!("there are: {}", known.join(", ")) };
+                own.error(format!("`{part}` is not {}", effect.on.label()), Some(help));
+            }
+            let [size] = numbers(&own, effect);
+            effects.parts.push(PartEffect { effect, part, size });
+            own.finish();
+        }
+        table.finish();
+    }
 }
 
 /// Effects on guides, by their names.

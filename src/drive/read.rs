@@ -100,7 +100,7 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
     let chain_names = chains.iter().map(|(name, _)| name.clone()).collect();
     several.finish();
     let driver = sprockets.iter().find(|s| matches!(s.outer, OuterSpec::Speed { .. })).map(|s| s.name.clone());
-    let parts = mechanism::parts(&sliders, (valves::names(&valves), &elastic_shafts), oil.as_ref());
+    let sensed = mechanism::parts(&sliders, (valves::names(&valves), &elastic_shafts), oil.as_ref());
     // In the order of the bodies: guides, then rails.
     let guide_names: Vec<&str> =
         guides.iter().map(|g| g.name.as_str()).chain(rails.iter().map(|r| r.name.as_str())).collect();
@@ -110,17 +110,19 @@ pub(super) fn drive(root: &TomlTable<'_>) -> Drive {
         turning: &turning,
         driver: driver.as_deref(),
         guides: &guide_names,
-        parts: &parts,
+        parts: &sensed,
     };
     let sensors = sensors::sensors(root, targets);
     let of_spans = fidelities.iter().zip(&spans).filter(|(fidelity, _)| **fidelity == ChainFidelity::Spans);
     let of_spans: Vec<String> = of_spans.flat_map(|(_, own)| span_names(own)).collect();
+    let parts = effects::named_parts(&rails, &bearings, &valves, &train.couplings);
     let targets = effects::EffectTargets {
         sprockets: &names,
         guides: &guide_names[..guides.len()],
         rails: &rails,
         arms: &arms,
         oil: oil.as_ref(),
+        parts: &parts,
         spans: &of_spans,
     };
     let (effects, signals) = effects::read_effects(&effect_table, targets, &sensors);

@@ -11,11 +11,14 @@
 pub mod alternate_pitch;
 pub mod arm_compliance;
 pub mod backlash;
+pub mod bearing_clearance;
+pub mod blade_stiffness;
 pub mod check_leak;
 pub mod clock_drift;
 pub mod clock_offset;
 pub mod constant_torque;
 pub mod coulomb_friction;
+pub mod coupling_stiffness;
 pub mod drift;
 pub mod encoder_error;
 pub mod flexible_coupling;
@@ -30,6 +33,7 @@ pub mod input_gain_curve;
 pub mod input_lag;
 pub mod input_offset;
 pub mod input_saturation;
+pub mod joint_clearance;
 pub mod joint_damping;
 pub mod joint_stiffness;
 pub mod latency;
@@ -65,6 +69,7 @@ pub mod tooth_pitch_error;
 pub mod torque_ripple;
 pub mod torsional_resonance;
 pub mod unbalance;
+pub mod valve_spring;
 pub mod viscous_friction;
 pub mod warming_friction;
 pub mod wear_elongation;
@@ -85,6 +90,14 @@ pub enum On {
     Joints,
     /// A straight guide or a rail.
     Guide,
+    /// A rail that bends.
+    Blade,
+    /// A plain bearing.
+    Bearing,
+    /// The valves of a camshaft.
+    Valve,
+    /// A torsion spring between two shafts.
+    Coupling,
     /// An arm that carries rails.
     Arm,
     /// An annular gap that oil leaks through.
@@ -115,6 +128,10 @@ impl On {
             On::Chain => "the chain (any name)",
             On::Joints => "the chain's joints (`chain`)",
             On::Guide => "a guide",
+            On::Blade => "a rail that bends",
+            On::Bearing => "a plain bearing",
+            On::Valve => "the valves of a camshaft",
+            On::Coupling => "a coupling",
             On::Arm => "a tensioner arm",
             On::Leak => "a leak gap of oil",
             On::Orifice => "an orifice of oil",
@@ -532,6 +549,11 @@ impl Effect {
 }
 
 impl Effect {
+    /// The order among these values of its parameters; None: it is no wave.
+    pub fn order_in(&self, values: &[f64]) -> Option<f64> {
+        self.parameters.iter().zip(values).find(|(p, _)| p.key == "order").map(|(_, order)| *order)
+    }
+
     /// Whether it differs round the turn of the body that it acts on; friction and drag are the same all round.
     pub fn differs_round_turn(&self) -> bool {
         self.links == Some(On::Sprocket) || self.parameters.iter().any(|p| p.kind == Kind::Phase)
@@ -551,7 +573,7 @@ impl PartialEq for Effect {
 }
 
 /// The catalogue. Effects on sensors are in the order in which a signal passes them.
-pub const EFFECTS: [&Effect; 60] = [
+pub const EFFECTS: [&Effect; 65] = [
     &sprocket_runout::ROW,
     &tooth_pitch_error::ROW,
     &gap_error::ROW,
@@ -562,6 +584,7 @@ pub const EFFECTS: [&Effect; 60] = [
     &wear_elongation::ROW,
     &tight_joint::ROW,
     &pin_friction::ROW,
+    &joint_clearance::ROW,
     &joint_stiffness::ROW,
     &joint_damping::ROW,
     &span_stiffness::ROW,
@@ -572,11 +595,14 @@ pub const EFFECTS: [&Effect; 60] = [
     &guide_compliance::ROW,
     &guide_friction::ROW,
     &arm_compliance::ROW,
+    &blade_stiffness::ROW,
     &leak_gap::ROW,
     &orifice_diameter::ROW,
     &check_leak::ROW,
     &oil_air::ROW,
     &oil_viscosity::ROW,
+    &bearing_clearance::ROW,
+    &coupling_stiffness::ROW,
     &torsional_resonance::ROW,
     &flexible_coupling::ROW,
     &coulomb_friction::ROW,
@@ -588,6 +614,7 @@ pub const EFFECTS: [&Effect; 60] = [
     &constant_torque::ROW,
     &torque_ripple::ROW,
     &unbalance::ROW,
+    &valve_spring::ROW,
     &speed_fluctuation::ROW,
     &load_friction::ROW,
     &input_gain_curve::ROW,

@@ -101,6 +101,60 @@ impl DriverMotion {
     }
 }
 
+impl DriverMotion {
+    /// How far the mean of the angle over `period_s` stands ahead of where it would stand without fluctuations of effects [rad], where the angle
+    /// is `angle_rad` at time zero and the motion began `before_s` earlier. A wave pushes the shaft ahead or back by up to its own
+    /// amplitude as an angle, as its phase is where the motion begins.
+    pub fn mean_lead_rad(&self, angle_rad: f64, before_s: f64, period_s: f64) -> f64 {
+        if self.fluctuations.is_empty() {
+            return 0.0;
+        }
+        let steady = |t: f64, q: f64| self.sense * q - self.turn_rad(t);
+        let begins = self.solved(angle_rad, -before_s, |_| ());
+        let waves = self.sense * self.angle_rad(-before_s) - self.turn_rad(-before_s);
+        let (mut sum, mut nodes) = (0.0, 0.0);
+        self.solved(angle_rad, period_s, |(t, q)| {
+            sum += steady(t, q);
+            nodes += 1.0;
+        });
+        sum / nodes - (steady(-before_s, begins) - waves)
+    }
+
+    /// The angle at `end_s`, from that at time zero, by Runge and Kutta's method; `each` gets the nodes but the last.
+    fn solved(&self, angle_rad: f64, end_s: f64, mut each: impl FnMut((f64, f64))) -> f64 {
+        let fastest = self.speeds_rad_s.iter().fold(0.0, |most: f64, n| most.max(n.abs()));
+        let order = self.harmonics.iter().map(|h| h.order).chain(self.fluctuations.iter().map(|f| order_of(&f.1)));
+        let waves = fastest * end_s.abs() * order.fold(1.0, f64::max) / (2.0 * std::f64::consts::PI);
+        let nodes = libm::ceil(NODES_OF_WAVE * waves).clamp(1.0, MOST_NODES);
+        let h = end_s / nodes;
+        let mut q = angle_rad;
+        for i in 0..nodes as u64 {
+            let t = i as f64 * h;
+            each((t, q));
+            let a = self.speed_rad_s(t, q);
+            let b = self.speed_rad_s(t + 0.5 * h, q + 0.5 * h * a);
+            let c = self.speed_rad_s(t + 0.5 * h, q + 0.5 * h * b);
+            let d = self.speed_rad_s(t + h, q + h * c);
+            q += h * (a + 2.0 * b + 2.0 * c + d) / 6.0;
+        }
+        q
+    }
+
+    /// Whether waves come back only after several turns of the shaft.
+    pub fn counts_turns(&self) -> bool {
+        self.fluctuations.iter().map(|f| order_of(&f.1)).any(|order| order != libm::trunc(order))
+    }
+}
+
+/// Nodes of a wave at which it is solved: 1e-8 of its amplitude are left. No more than so many nodes in all.
+const NODES_OF_WAVE: f64 = 48.0;
+const MOST_NODES: f64 = 1e6;
+
+/// The order among the values of a `speed_fluctuation`.
+fn order_of(values: &[f64]) -> f64 {
+    values.last().copied().unwrap_or(1.0)
+}
+
 /// Sum of M_k cos(k phi + p_k).
 pub fn sum_of_cosines(harmonics: &[Harmonic], turn_rad: f64) -> f64 {
     harmonics.iter().map(|h| h.amplitude * libm::cos(h.order * turn_rad + h.phase_rad)).sum()
@@ -109,6 +163,29 @@ pub fn sum_of_cosines(harmonics: &[Harmonic], turn_rad: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::effects::{Physics, speed_fluctuation};
+
+    /// A wave of a tenth of the speed over an angle, order 1.5: the mean speed is the declared one, and the mean angle leads by what the wave
+    /// has where the motion begins, A cos(k q + p) with A = 0.1/1.5, up to terms of the second order in it.
+    #[test]
+    fn a_fluctuation_keeps_the_mean_speed_and_leads_by_its_phase() {
+        let Physics::Motion(law) = speed_fluctuation::ROW.physics else { panic!("a motion") };
+        for phase in [0.3, 1.7, 3.0] {
+            let values = vec![0.1, phase, 1.5];
+            let motion = DriverMotion::new(&[(0.0, 200.0)], Vec::new(), vec![(law, values)], -1.0);
+            // Ten periods of two turns, backwards as the shaft turns.
+            let period_s = 4.0 * std::f64::consts::PI / 200.0;
+            let end = motion.solved(0.4, 10.0 * period_s, |_| ());
+            // measured 7e-8 of 126 rad
+            assert!((0.4 - end - 200.0 * 10.0 * period_s).abs() < 1e-6, "{end}");
+            let before_s = 0.37 * period_s;
+            let begins = motion.solved(0.4, -before_s, |_| ());
+            let lead = motion.mean_lead_rad(0.4, before_s, period_s);
+            // The coordinate falls as the shaft turns: the wave over the turn -q has the phase -p, and its sine the other sign.
+            let first = -(0.1 / 1.5) * libm::cos(1.5 * begins + phase);
+            assert!((lead - first).abs() < 0.1 * 0.1 / 1.5, "{lead} {first}");
+        }
+    }
 
     /// The angle by a table is that of the integral of the speed, at every time, and zero at time zero.
     #[test]

@@ -12,7 +12,7 @@ use crate::drive::bearings::Carried;
 use crate::drive::chains::gcd;
 use crate::drive::mechanism::PassageLaw;
 use crate::drive::sensors::{SensorReads, is_signal};
-use crate::effects::{Effect, Kind, On, Parameter, guide_friction};
+use crate::effects::{Effect, Kind, On, Parameter, bearing_clearance, guide_friction};
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -121,6 +121,7 @@ impl LinkedDrive {
                 let guides = guides.filter(|(k, _)| *effect == guide_friction::ROW || held(Carried::Guide(*k)));
                 guides.map(|(_, g)| g.name.clone()).chain(rails.map(|(_, r)| r.name.clone())).collect()
             }
+            Some(On::Blade | On::Bearing | On::Valve | On::Coupling) => self.drive.parts_for(effect.on),
             Some(On::Arm) => self.drive.arms.iter().map(|a| a.name.clone()).collect(),
             Some(On::Leak) => passages(&|law| matches!(law, PassageLaw::Leak { .. })),
             Some(On::Orifice) => passages(&|law| matches!(law, PassageLaw::Orifice { .. })),
@@ -242,7 +243,18 @@ impl Fidelity for LinkedDrive {
             Some(On::Span) => m.spans.iter().enumerate().map(|(i, s)| (s.name.clone(), Target::Span(i))).collect(),
             Some(On::Body) => bodies(&|b| b.motion == BodyMotion::Free && first_of_shaft(b)),
             Some(On::Prescribed) => bodies(&|b| b.motion != BodyMotion::Free && first_of_shaft(b)),
-            Some(On::Guide | On::Arm | On::Leak | On::Orifice | On::Check | On::Oil) => self.parts(effect),
+            Some(
+                On::Guide
+                | On::Blade
+                | On::Bearing
+                | On::Valve
+                | On::Coupling
+                | On::Arm
+                | On::Leak
+                | On::Orifice
+                | On::Check
+                | On::Oil,
+            ) => self.parts(effect),
             Some(On::Input | On::Sensor | On::AngleSensor | On::Pickup) | None => Vec::new(),
         }
     }
@@ -267,6 +279,9 @@ impl Fidelity for LinkedDrive {
     fn range(&self, effect: &Effect, target: Target) -> Option<(f64, f64)> {
         let Target::Part(part) = target else { return None };
         let (name, _) = self.parts(effect).into_iter().nth(part)?;
+        if *effect == bearing_clearance::ROW {
+            return self.drive.clearance_range_m(&name);
+        }
         self.drive.oil.as_ref()?.range_of(effect, &name)
     }
 

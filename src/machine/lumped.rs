@@ -76,7 +76,16 @@ impl Fidelity for Lumped {
                     Vec::new()
                 }
             }
-            On::Guide | On::Arm | On::Leak | On::Orifice | On::Check | On::Oil => Vec::new(),
+            On::Guide
+            | On::Blade
+            | On::Bearing
+            | On::Valve
+            | On::Coupling
+            | On::Arm
+            | On::Leak
+            | On::Orifice
+            | On::Check
+            | On::Oil => Vec::new(),
             On::Input => {
                 let all = m.inputs.iter().enumerate();
                 all.filter(|(_, i)| matches!(i.kind, InputKind::Force(_)))

@@ -110,7 +110,7 @@ fn declared_period(drive: &Drive, alike: u32, pitches: &[RateRatio], links: &[u3
 
 /// Turns after which an effect on what turns is the same again: two where its order is a half one.
 fn turns_of(effect: &Effect, values: &[f64]) -> u32 {
-    let order = effect.parameters.iter().zip(values).find(|(p, _)| p.key == "order").map_or(1.0, |(_, order)| *order);
+    let order = effect.order_in(values).unwrap_or(1.0);
     let wave = Harmonic { order, amplitude: 1.0, phase_rad: 0.0 };
     if order == libm::trunc(order) { 1 } else { turns_of_orders([wave].iter()).unwrap_or(2) }
 }

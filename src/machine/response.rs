@@ -262,6 +262,9 @@ impl PeriodicResponse {
         let pair_s = 2.0 / pitches_per_s;
         let bin_s = BIN_S.max(period_s / MAX_BINS as f64).min(pair_s / MIN_BINS as f64);
         let mut tracer = Tracer::new(drive, bin_s).map_err(ResponseError::Assembly)?;
+        // Periods begin where the driver's mean angle has its place, so that the phase of a wave on its speed does not move the whole drive: the
+        // teeth would hold the phase where it is.
+        let ahead_s = tracer.driver_lead_rad(period_s) / tracer.nominal_speed(drive.driver()).abs();
         tracer.run_for(SETTLE_S).map_err(ResponseError::Step)?;
         let from = match drive.sliders.is_empty() && drive.arms.is_empty() {
             true => FoldStart { start_s: 0.0, elapsed_s: 0.0 },
@@ -312,7 +315,22 @@ impl PeriodicResponse {
             unrepeated: (0..drive.sensors.len()).map(|s| fold.unrepeated(s)).collect(),
             means: fold.means(),
             periods: fold.periods,
-        })
+        }
+        .begun_earlier(ahead_s, &turning))
+    }
+
+    /// The same with periods that begin this much earlier; `turning`: nominal speeds of the sensors that read angles.
+    fn begun_earlier(self, by_s: f64, turning: &[Option<f64>]) -> PeriodicResponse {
+        if by_s == 0.0 {
+            return self;
+        }
+        let earlier = |(s, speed): (usize, &Option<f64>)| -> Vec<f64> {
+            let n = self.means[s].len();
+            let place = |b: usize| b as f64 / n as f64 * self.pitches - by_s * self.pitches_per_s;
+            let turned = speed.map_or(0.0, |w| -w * by_s);
+            (0..n).map(|b| self.at(s, place(b)) + turned).collect()
+        };
+        PeriodicResponse { means: turning.iter().enumerate().map(earlier).collect(), ..self }
     }
 
     /// The mean over all parts of the period that are alike but for single links and teeth: the response of a drive whose links and teeth are all alike.

@@ -37,7 +37,7 @@ impl Model {
                 BearingLaw::Elastic { direction_rad, stiffness_n_per_m, damping_n_s_per_m } => {
                     (*direction_rad, *stiffness_n_per_m, *damping_n_s_per_m, None)
                 }
-                BearingLaw::Plain(bearing) => (0.0, [0.0; 2], [0.0; 2], Some(bearing)),
+                BearingLaw::Plain(_) => (0.0, [0.0; 2], [0.0; 2], spec.film(&drive.effects)),
             };
             let direction = unit(direction_rad);
             let first = self.coordinates.len();

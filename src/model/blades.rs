@@ -2,6 +2,7 @@
 
 use super::{Model, RailModel};
 use crate::drive::Drive;
+use crate::effects::blade_stiffness;
 use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
 use crate::geometry::Vec2;
 use crate::pairs::plate_blade::{Blade, BladePoint, Deflection};
@@ -64,7 +65,8 @@ impl Model {
             let rail = &self.rails[k];
             let length_m: f64 = spec.stretches.iter().map(|s| s.length_m).sum();
             // The profile may run against the chain.
-            let beam = if rail.rail.travel < 0.0 { bending.reversed(length_m) } else { bending.clone() };
+            let mut beam = if rail.rail.travel < 0.0 { bending.reversed(length_m) } else { bending.clone() };
+            beam.stiffness_n_m2 *= 1.0 + drive.effects.of_part(&blade_stiffness::ROW, &spec.name);
             // Stiffness and mass are positive, so that there are modes.
             let Some(shape) = Blade::new(&rail.body, &beam) else { continue };
             let first = self.coordinates.len();

@@ -1,10 +1,11 @@
 //! Shafts without sprockets, couplings, loads, and how the driver turns.
 
 use super::Model;
+use crate::diag::last_name;
 use crate::drive::shafts::Moving;
 use crate::drive::torsion::ElasticShaftSpec;
 use crate::drive::{Drive, OuterSpec};
-use crate::effects::Physics;
+use crate::effects::{Physics, coupling_stiffness};
 use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
 use crate::elements::coupling::Coupling;
 use crate::elements::driver_motion::DriverMotion;
@@ -48,10 +49,11 @@ impl Model {
             Moving::Slider(k) => find(&model.sliders, |s| s.name == drive.sliders[k].name).coordinate,
         };
         for c in &drive.train.couplings {
+            let share = drive.effects.of_part(&coupling_stiffness::ROW, last_name(&c.path));
             self.couplings.push(Coupling {
                 path: c.path.clone(),
                 ends: c.between.map(|m| coordinate(m, self)),
-                stiffness_nm_per_rad: c.stiffness_nm_per_rad,
+                stiffness_nm_per_rad: c.stiffness_nm_per_rad * (1.0 + share),
                 damping_nm_s_per_rad: c.damping_nm_s_per_rad,
             });
         }
@@ -80,6 +82,9 @@ impl Model {
             let Physics::BodyForce(law) = l.effect.physics else { continue };
             let (coordinate, is_dissipative) = (coordinate(l.on, self), l.effect.dissipative);
             let (path, values) = (l.path.clone(), l.values.clone());
+            if l.effect.order_in(&values).is_some_and(|order| order != libm::trunc(order)) {
+                self.fractional_waves.push(coordinate);
+            }
             self.loads.push(Load { path, coordinate, law, values, is_dissipative });
         }
         for l in &drive.train.order_loads {
@@ -94,7 +99,11 @@ impl Model {
         if motion.varies() || !self.order_loads.is_empty() {
             let sense = drive.sprockets[drive.driver()].wrap.sign();
             let fluctuations = motion.fluctuations.clone();
-            self.driver_motion = Some(DriverMotion::new(&motion.speeds, motion.harmonics.clone(), fluctuations, sense));
+            let own = DriverMotion::new(&motion.speeds, motion.harmonics.clone(), fluctuations, sense);
+            if own.counts_turns() {
+                self.fractional_waves.push(self.sprockets[self.driver].coordinate);
+            }
+            self.driver_motion = Some(own);
         }
     }
 

@@ -106,10 +106,12 @@ impl Model {
         self.spans.iter().any(|s| s.damping_n_s_per_m > 0.0)
     }
 
-    /// Whether whole turns of a coordinate count: a span, on it or behind couplings, is as long as what its sprockets have turned.
+    /// Whether whole turns of a coordinate count: a span, on it or behind couplings, is as long as what its sprockets have turned; and waves of
+    /// orders that are no whole numbers come back after several turns.
     pub fn counts_turns(&self, coordinate: usize) -> bool {
         let first = self.first_coupled(coordinate);
-        self.spans.iter().flat_map(|s| s.ends).any(|k| self.first_coupled(k) == first)
+        let of_waves = self.fractional_waves.iter().any(|k| self.first_coupled(*k) == first);
+        of_waves || self.spans.iter().flat_map(|s| s.ends).any(|k| self.first_coupled(k) == first)
     }
 }
 

@@ -4,7 +4,7 @@ use crate::links::{Case, Rig};
 use pitchline::drive::BUNDLED;
 
 /// Engines of the papers, and effects that their files lack: what the papers' models and measurements differ by may have such causes.
-pub const ENGINE_CASES: [Case; 9] = [
+pub const ENGINE_CASES: [Case; 12] = [
     Case { name: "bmw318, clean", both: &[], truth: &[], free: &[], path: "" },
     // The simulated slack span has the measured maximum, a lower minimum, and too much of the tooth frequency (Fritz et al.).
     Case {
@@ -72,6 +72,28 @@ pub const ENGINE_CASES: [Case; 9] = [
         ],
         free: &[],
         path: "effects.speed_fluctuation.crank",
+    },
+    // Parts that warm up, set or wear.
+    Case {
+        name: "v12-primary, warm blade",
+        both: &[],
+        truth: &["effects.blade_stiffness.slack.share_percent=-30"],
+        free: &[],
+        path: "effects.blade_stiffness.slack",
+    },
+    Case {
+        name: "gasoline, valve springs that have set",
+        both: &[],
+        truth: &["effects.valve_spring.intake.share_percent=-15"],
+        free: &[],
+        path: "effects.valve_spring.intake",
+    },
+    Case {
+        name: "gasoline, soft transducer",
+        both: &[],
+        truth: &["effects.coupling_stiffness.transducer.share_percent=-20"],
+        free: &[],
+        path: "effects.coupling_stiffness.transducer",
     },
 ];
 
@@ -174,6 +196,7 @@ pub fn v12_primary() -> Rig {
         only: &[
             "speed_fluctuation",
             "torque_ripple",
+            "blade_stiffness",
             "joint_damping",
             "joint_stiffness",
             "guide_friction",
@@ -224,6 +247,8 @@ pub fn gasoline_3cyl() -> Rig {
         noise: &[("travel", 3e-6)],
         settles_s: 0.8,
         only: &[
+            "valve_spring",
+            "coupling_stiffness",
             "guide_compliance",
             "guide_friction",
             "joint_stiffness",

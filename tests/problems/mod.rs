@@ -383,7 +383,17 @@ impl Maker<'_> {
                 let (_, _, k) = self.c.pick(&self.sensors);
                 Some(format!("n{k}"))
             }
-            On::Joints | On::Guide | On::Arm | On::Leak | On::Orifice | On::Check | On::Oil => None,
+            On::Joints
+            | On::Guide
+            | On::Blade
+            | On::Bearing
+            | On::Valve
+            | On::Coupling
+            | On::Arm
+            | On::Leak
+            | On::Orifice
+            | On::Check
+            | On::Oil => None,
         };
         let Some(target) = target else { return String::new() };
         let mut text = format!("\n[effects.{}.{target}]\n", e.name);
