@@ -104,7 +104,8 @@ fn effects_on_tensioners_and_joints_reach_the_model() {
 #[test]
 fn effects_on_numbers_of_parts_reach_the_model() {
     use pitchline::model::Model;
-    let close = |a: f64, b: f64| assert!((a / b - 1.0).abs() < 1e-12, "{a} {b}");
+    // Modes of a blade come out of an eigenvalue problem.
+    let close = |a: f64, b: f64| assert!((a / b - 1.0).abs() < 1e-9, "{a} {b}");
     let all = |drive: &str, path: &str, unit: &str, size: f64| {
         let model = |size: f64| {
             let set = format!("effects.{path}.{unit}={size}");

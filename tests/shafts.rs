@@ -272,7 +272,7 @@ fn drag_of_the_driven_shaft_is_paid_by_the_driver() {
         let Assembly { model, mut state, .. } = assembled(&drive(more, &[]));
         let driver = model.sprockets[model.driver].coordinate;
         let (mut sum, mut count) = (0.0, 0.0);
-        watch(&model, &mut state, 20_000, |_, scratch| {
+        watch(&model, &mut state, 100_000, |_, scratch| {
             sum -= scratch.chain_torque()[driver];
             count += 1.0;
         });
