@@ -136,14 +136,13 @@ impl Tracer {
         self.model.coordinates[self.model.turning_part(sprocket)].nominal_speed_rad_s
     }
 
-    /// How far the driver stands ahead in the mean over `period_s` of where it would stand without effects on its speed [rad]. Before the first
+    /// By how much time the driver is ahead in the mean over `period_s` of where it would stand without effects on its speed [s]. Before the first
     /// reading.
-    pub fn driver_lead_rad(&self, period_s: f64) -> f64 {
+    pub fn driver_lead_s(&self, period_s: f64) -> f64 {
         let (model, run) = (&self.model, &self.drive.run);
         let driver = model.sprockets[model.driver].coordinate;
         let before_s = run.run_in_s + run.settle_s;
-        let lead =
-            |motion: &DriverMotion| motion.mean_lead_rad(self.state.coordinates.angle[driver], before_s, period_s);
+        let lead = |motion: &DriverMotion| motion.mean_lead_s(self.state.coordinates.angle[driver], before_s, period_s);
         model.driver_motion.as_ref().map_or(0.0, lead)
     }
 

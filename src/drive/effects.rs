@@ -60,11 +60,11 @@ impl Drive {
 
     /// Least and largest change of a plain bearing's clearance that leave a bearing [m].
     pub fn clearance_range_m(&self, bearing: &str) -> Option<(f64, f64)> {
-        let named = self.bearings.iter().find(|b| last_name(&b.path) == bearing)?;
-        match &named.law {
+        let range = |spec: &BearingSpec| match &spec.law {
             BearingLaw::Plain(b) => Some((NARROWEST_FILM_M - b.clearance_m, b.radius_m - b.clearance_m)),
             BearingLaw::Elastic { .. } => None,
-        }
+        };
+        self.bearings.iter().filter(|b| last_name(&b.path) == bearing).find_map(range)
     }
 }
 

@@ -7,7 +7,7 @@ pub const ROW: Effect = Effect {
     title: "Clearance of a plain bearing",
     part: Part::Shaft,
     on: On::Bearing,
-    equation: "c = c_declared + clearance, radial; forces of the film go as c^-2 to c^-3",
+    equation: "c = c_declared + clearance, radial; forces of the film go as c^-2 to c^-3; below 0.1 um counts as 0.1 um",
     source: "Worn or tight bearings; short bearing of Ocvirk 1952",
     order: "none: the journal stands and moves further from the middle",
     speed_law: "falls with speed",

@@ -102,6 +102,12 @@ impl DriverMotion {
 }
 
 impl DriverMotion {
+    /// [`DriverMotion::mean_lead_rad`] as a time at the first speed, whose sign says which way is ahead [s].
+    pub fn mean_lead_s(&self, angle_rad: f64, before_s: f64, period_s: f64) -> f64 {
+        let lead = self.mean_lead_rad(angle_rad, before_s, period_s);
+        if lead == 0.0 { 0.0 } else { lead / self.speeds_rad_s[0] }
+    }
+
     /// How far the mean of the angle over `period_s` stands ahead of where it would stand without fluctuations of effects [rad], where the angle
     /// is `angle_rad` at time zero and the motion began `before_s` earlier. A wave pushes the shaft ahead or back by up to its own
     /// amplitude as an angle, as its phase is where the motion begins.
@@ -184,6 +190,10 @@ mod tests {
             // The coordinate falls as the shaft turns: the wave over the turn -q has the phase -p, and its sine the other sign.
             let first = -(0.1 / 1.5) * libm::cos(1.5 * begins + phase);
             assert!((lead - first).abs() < 0.1 * 0.1 / 1.5, "{lead} {first}");
+            // Run backwards from the same angle, the same way ahead is one behind in time.
+            let back = DriverMotion::new(&[(0.0, -200.0)], Vec::new(), motion.fluctuations.clone(), -1.0);
+            let late_s = back.mean_lead_s(0.4, before_s, period_s);
+            assert!(late_s * back.mean_lead_rad(0.4, before_s, period_s) < 0.0, "{late_s}");
         }
     }
 

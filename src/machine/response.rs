@@ -264,7 +264,7 @@ impl PeriodicResponse {
         let mut tracer = Tracer::new(drive, bin_s).map_err(ResponseError::Assembly)?;
         // Periods begin where the driver's mean angle has its place, so that the phase of a wave on its speed does not move the whole drive: the
         // teeth would hold the phase where it is.
-        let ahead_s = tracer.driver_lead_rad(period_s) / tracer.nominal_speed(drive.driver()).abs();
+        let ahead_s = tracer.driver_lead_s(period_s);
         tracer.run_for(SETTLE_S).map_err(ResponseError::Step)?;
         let from = match drive.sliders.is_empty() && drive.arms.is_empty() {
             true => FoldStart { start_s: 0.0, elapsed_s: 0.0 },
