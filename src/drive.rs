@@ -497,7 +497,7 @@ pub struct Effects {
     pub joint_damping_n_s_per_m: f64,
     /// Radial play of every pin in its bush beyond the declared one [m].
     pub joint_clearance_m: f64,
-    /// Of blades, plain bearings, valves and couplings, in the order of the file.
+    /// By how much numbers of blades, plain bearings, valves and couplings differ, in the order of the file.
     pub parts: Vec<PartEffect>,
     /// Friction and compliance of guides.
     pub guides: Vec<GuideEffect>,

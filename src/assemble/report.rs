@@ -69,7 +69,7 @@ pub struct ValveReport {
 
 impl ValveReport {
     pub(super) fn of(drive: &Drive, spec: &ValveSpec) -> ValveReport {
-        let floats_at_rad_s = Some(spec.floats_at_rad_s()).filter(|w| w.is_finite());
+        let floats_at_rad_s = Some(spec.with_effects(&drive.effects).floats_at_rad_s()).filter(|w| w.is_finite());
         let (sprocket, speed_rad_s) = (&drive.sprockets[spec.sprocket], drive.nominal_speed_rad_s(spec.sprocket).abs());
         ValveReport { valves: spec.name.clone(), shaft: sprocket.name.clone(), speed_rad_s, floats_at_rad_s }
     }

@@ -17,7 +17,8 @@ use super::lifters::{LifterSpec, read_lifter};
 use super::mechanism::{BAR, OilSpec};
 use super::reader::TomlTable;
 use super::torsion::ElasticShaftSpec;
-use super::{ContactSpec, ShaftSpec, SprocketDrive};
+use super::{ContactSpec, Effects, ShaftSpec, SprocketDrive};
+use crate::effects::valve_spring;
 use crate::elements::lift_law::{LiftLaw, LiftShape, LiftTable, polynomial};
 use crate::elements::load::PressureTable;
 use crate::units::{DEG, MM, UM};
@@ -142,6 +143,13 @@ impl ValveSpec {
         // A spring in parts has a mass at each joint of two parts. Half a part is left at each end: one moves with the valve, one stands in the head.
         let share = if self.spring_parts == 1 { 1.0 / 3.0 } else { 0.5 / self.spring_parts as f64 };
         self.mass_kg + rocker_kg + share * self.spring_mass_kg
+    }
+
+    /// The same with what effects change about its springs.
+    pub fn with_effects(&self, effects: &Effects) -> ValveSpec {
+        let share = 1.0 + effects.of_part(&valve_spring::ROW, &self.name);
+        let (spring_n_per_m, spring_n) = (self.spring_n_per_m * share, self.spring_n * share);
+        ValveSpec { spring_n_per_m, spring_n, ..self.clone() }
     }
 
     /// Speed of the cam at which the spring can no longer hold the follower on it, as rigid parts [rad/s]; infinite where it always can.

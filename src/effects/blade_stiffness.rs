@@ -8,7 +8,7 @@ pub const ROW: Effect = Effect {
     part: Part::Tensioner,
     on: On::Blade,
     equation: "EI = EI_declared (1 + share); the curvatures without load stay",
-    source: "Beam theory; polyamide loses half of its modulus between 20 and 80 degrees Celsius, and more with water",
+    source: "Beam theory; plastics soften as they warm and take up water",
     order: "none: tension of the slack span, frequencies of the blade",
     speed_law: "0",
     channels: "tension of the slack span, speeds",

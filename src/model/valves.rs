@@ -5,7 +5,6 @@ use crate::drive::Drive;
 use crate::drive::lifters::LifterSpec;
 use crate::drive::mechanism::PassageLaw;
 use crate::drive::valves::{CamPlaces, ValveSpec};
-use crate::effects::valve_spring;
 use crate::elements::contact_law::{ContactLaw, PairRadii};
 use crate::elements::coordinate::{Coordinate, CoordinateKind, CoordinateMotion, CoordinateSpring};
 use crate::elements::coupling::Coupling;
@@ -20,9 +19,7 @@ impl Model {
     /// [`Model::set_cams`].
     pub fn add_valves(&mut self, drive: &Drive) {
         for spec in &drive.valves {
-            let share = 1.0 + drive.effects.of_part(&valve_spring::ROW, &spec.name);
-            let (spring_n_per_m, spring_n) = (spec.spring_n_per_m * share, spec.spring_n * share);
-            let spec = ValveSpec { spring_n_per_m, spring_n, ..spec.clone() };
+            let spec = spec.with_effects(&drive.effects);
             for number in 0..spec.phases_rad.len() {
                 self.add_valve(drive, &spec, number);
             }
